@@ -1,0 +1,1 @@
+//! ROS 2 messages, CDR and MCAP recordings, in and out.

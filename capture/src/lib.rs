@@ -1,0 +1,1 @@
+//! Time-synchronised capture service: records, publishes and shows what the devices say.

@@ -1,0 +1,32 @@
+//! The contract of a device: a protocol without input and output.
+
+use ft_wire::{DecodeError, HostTime};
+
+use crate::link::RxStamps;
+
+/// A device's protocol without I/O: frames and instants go in, frames and readings come out.
+pub trait Device {
+    /// What the link carries: [`ft_wire::Chunk`] or [`ft_wire::CanFrame`].
+    type Frame;
+    /// What comes out.
+    type Reading;
+
+    /// Takes one frame; the caller drains `poll_reading` before the next.
+    ///
+    /// # Errors
+    /// The frame is malformed. A byte stream may hold several frames in one chunk: the good ones are still read, the
+    /// count of the refused is in [`crate::reading::Counts`].
+    fn handle_frame(&mut self, frame: &Self::Frame, stamps: RxStamps) -> Result<(), DecodeError>;
+
+    /// Time went by: `now` is at or past what `poll_timeout` asked for.
+    fn handle_timeout(&mut self, now: HostTime);
+
+    /// When `handle_timeout` is wanted next.
+    fn poll_timeout(&self) -> Option<HostTime>;
+
+    /// The next frame to send, until `None`.
+    fn poll_transmit(&mut self, now: HostTime) -> Option<Self::Frame>;
+
+    /// The next reading, until `None`.
+    fn poll_reading(&mut self) -> Option<Self::Reading>;
+}

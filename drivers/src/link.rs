@@ -1,0 +1,68 @@
+//! The contract of a link: it carries frames and says when they came.
+
+use ft_wire::HostTime;
+
+/// When a frame came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RxStamps {
+    /// Earliest host stamp of the frame's last byte: the kernel's where it gives one, else ours after the read.
+    pub arrival: HostTime,
+}
+
+/// SocketCAN, hidraw, serial, replay, faults and sim-hw alike. A malformed frame is not a link error.
+pub trait Link {
+    /// What is carried: [`ft_wire::Chunk`] or [`ft_wire::CanFrame`].
+    type Frame;
+
+    /// The next frame, or `None` when none came by `deadline`.
+    ///
+    /// # Errors
+    /// The link is unusable until it is opened again.
+    fn recv(&mut self, deadline: HostTime) -> Result<Option<(Self::Frame, RxStamps)>, LinkError>;
+
+    /// Sends one frame, without waiting for the other side.
+    ///
+    /// # Errors
+    /// The link is unusable until it is opened again.
+    fn send(&mut self, frame: &Self::Frame) -> Result<(), LinkError>;
+}
+
+/// Why a link is unusable. Reopening is the answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LinkError {
+    /// Unplugged, or the other end closed.
+    #[error("{port} is gone: unplugged, or closed by the other end")]
+    Gone {
+        /// The port as it was opened.
+        port: String,
+    },
+    /// Another program holds it.
+    #[error("{port} is busy: another program has it open")]
+    Busy {
+        /// The port as it was opened.
+        port: String,
+    },
+    /// The permission is missing.
+    #[error("{port} may not be opened by this user: install the rules of udev/ or join the group that owns it")]
+    Denied {
+        /// The port as it was opened.
+        port: String,
+    },
+    /// There is no such port.
+    #[error("{port} does not exist: check the cable and the name (`ft-capture devices` lists what is there)")]
+    NotFound {
+        /// The port as it was opened.
+        port: String,
+    },
+    /// The system refused a call.
+    #[error("{call} on {port} failed")]
+    Io {
+        /// The call that failed.
+        call: &'static str,
+        /// The port as it was opened.
+        port: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,18 @@
+//! Codecs, units, frames and time: bytes in, values out, no input or output.
+//!
+//! Nothing here waits, reads a clock, allocates per sample or can panic on bytes from outside.
+#![forbid(unsafe_code)]
+#![warn(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+#![cfg_attr(test, allow(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
+
+pub mod can;
+pub mod error;
+pub mod frames;
+pub mod stream;
+pub mod time;
+
+pub use can::CanFrame;
+pub use error::DecodeError;
+pub use frames::{Frame, Pose, Wrench};
+pub use stream::{Chunk, Parsed};
+pub use time::{DeviceTicks, HostTime, Unwrapper};

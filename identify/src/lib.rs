@@ -1,0 +1,1 @@
+//! Joint, dynamics and what the model lacks, identified from a recording.

@@ -1,0 +1,1 @@
+//! The physical world, the person and the devices as bytes.

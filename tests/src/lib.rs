@@ -1,0 +1,1 @@
+//! Whole-system tests and comparisons with other people's tools.
