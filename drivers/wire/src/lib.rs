@@ -5,10 +5,18 @@
 #![warn(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 #![cfg_attr(test, allow(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 
+pub mod bota_serial;
+mod bytes;
 pub mod can;
+pub mod crc;
+pub mod dynamixel2;
 pub mod error;
 pub mod frames;
+pub mod pose_stream;
+pub mod robotous_rft;
 pub mod stream;
+#[cfg(test)]
+mod test_support;
 pub mod time;
 
 pub use can::CanFrame;
