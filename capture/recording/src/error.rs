@@ -169,6 +169,16 @@ pub enum ReadError {
         /// What is wrong.
         source: CalibrationError,
     },
+    /// A `--map` argument names a topic that is not there.
+    #[error("{path} has no {topic}, which --map names; {topics}")]
+    MapFrom {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// What is there.
+        topics: TopicList,
+    },
     /// A `--map` argument is wrong.
     #[error("--map {argument}: {reason}")]
     Map {
@@ -256,20 +266,26 @@ impl fmt::Display for FirstBytes {
     }
 }
 
-/// Topics with their types and message counts.
+/// What a recording has instead of what is missing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct TopicList(pub Vec<(String, String, u64)>);
+pub struct TopicList {
+    /// Topic, type (or encoding, when it has no type) and number of messages.
+    pub topics: Vec<(String, String, u64)>,
+    /// What is wrong with the file, if anything.
+    pub damage: Option<String>,
+}
 
 impl fmt::Display for TopicList {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0.is_empty() {
-            return f.write_str("it has no topics at all");
+        if self.topics.is_empty() {
+            f.write_str("it has no topics at all")?;
+        } else {
+            f.write_str("it has ")?;
         }
-        f.write_str("it has ")?;
-        for (index, (topic, kind, messages)) in self.0.iter().enumerate() {
+        for (index, (topic, kind, messages)) in self.topics.iter().enumerate() {
             let comma = if index == 0 { "" } else { ", " };
             write!(f, "{comma}{topic} ({kind}, {messages} messages)")?;
         }
-        Ok(())
+        self.damage.as_ref().map_or(Ok(()), |damage| write!(f, " (the file is damaged: {damage})"))
     }
 }

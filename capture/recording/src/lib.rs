@@ -15,14 +15,19 @@ mod cdr;
 mod error;
 pub mod message;
 mod qos;
+pub mod reader;
+mod recording;
 pub mod schema;
 mod writer;
 
 pub use calibration::{Calibration, Estimate};
 pub use cdr::CdrError;
-pub use error::{CalibrationError, ReadError, WriteError};
+pub use error::{CalibrationError, FirstBytes, ReadError, TopicList, WriteError};
 pub use message::Message;
 pub use qos::{Durability, Qos, Reliability};
+pub use recording::{
+    Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap, TrackedFrame,
+};
 pub use writer::{ChannelId, Compression, Finished, MessageStamps, RecordingWriter, WriterOptions};
 
 /// Topics of a recording.

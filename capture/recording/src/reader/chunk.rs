@@ -1,0 +1,105 @@
+//! Unpacking of chunks.
+
+use std::io::{BufReader, Read};
+
+/// No chunk may unpack to more, and no record may be longer: 1 GiB.
+pub(super) const LIMIT: u64 = 1 << 30;
+
+/// How a chunk's unpacking ended; what was unpacked until then is in `out`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unpacked {
+    /// As packed.
+    Whole,
+    /// The packed bytes end early or are wrong, or there is too much in them.
+    Partly,
+    /// The compression is not supported.
+    Unsupported,
+}
+
+/// Replaces `out` by what `packed` unpacks to. Never allocates by a length that a file claims.
+pub(super) fn unpack(compression: &str, packed: &[u8], out: &mut Vec<u8>) -> Unpacked {
+    out.clear();
+    let result = match compression {
+        "" => {
+            out.extend_from_slice(packed);
+            return Unpacked::Whole;
+        }
+        "zstd" => zstd::stream::read::Decoder::with_buffer(packed).and_then(|decoder| read_all(decoder, out)),
+        "lz4" => unpack_lz4(packed, out),
+        _ => return Unpacked::Unsupported,
+    };
+    match result {
+        Ok(()) if out.len() as u64 <= LIMIT => Unpacked::Whole,
+        _ => Unpacked::Partly,
+    }
+}
+
+fn read_all(source: impl Read, out: &mut Vec<u8>) -> std::io::Result<()> {
+    source.take((LIMIT + 1).saturating_sub(out.len() as u64)).read_to_end(out).map(drop)
+}
+
+/// A chunk may hold several LZ4 frames, one behind the other.
+fn unpack_lz4(packed: &[u8], out: &mut Vec<u8>) -> std::io::Result<()> {
+    let mut source = BufReader::new(packed);
+    loop {
+        let mut decoder = lz4::Decoder::new(source)?;
+        let before = out.len();
+        read_all(&mut decoder, out)?;
+        let (rest, ended) = decoder.finish();
+        ended?;
+        source = rest;
+        let more = !source.buffer().is_empty() || !source.get_ref().is_empty();
+        if !more || out.len() == before {
+            return Ok(());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    #[test]
+    fn a_bomb_is_cut_off() {
+        let zeros = vec![0; 1 << 20];
+        let mut encoder = zstd::stream::write::Encoder::new(Vec::new(), 1).unwrap();
+        for _ in 0..1025 {
+            encoder.write_all(&zeros).unwrap();
+        }
+        let packed = encoder.finish().unwrap();
+        assert!(packed.len() < 1 << 20);
+        let mut out = Vec::new();
+        assert_eq!(unpack("zstd", &packed, &mut out), Unpacked::Partly);
+        assert_eq!(out.len() as u64, LIMIT + 1);
+    }
+
+    #[test]
+    fn two_lz4_frames_are_both_unpacked() {
+        let frame = |text: &[u8]| {
+            let mut encoder = lz4::EncoderBuilder::new().build(Vec::new()).unwrap();
+            encoder.write_all(text).unwrap();
+            encoder.finish().0
+        };
+        let mut out = Vec::new();
+        let packed = [frame(b"one "), frame(b"two")].concat();
+        assert_eq!(unpack("lz4", &packed, &mut out), Unpacked::Whole);
+        assert_eq!(out, b"one two");
+        assert_eq!(unpack("lz4", &packed[..packed.len() - 6], &mut out), Unpacked::Partly);
+    }
+
+    #[test]
+    fn the_start_of_a_cut_zstd_chunk_is_given() {
+        let content: Vec<u8> = (0..400_000_u32).flat_map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
+        let packed = zstd::stream::encode_all(&content[..], 1).unwrap();
+        let mut out = Vec::new();
+        assert_eq!(unpack("zstd", &packed[..packed.len() / 2], &mut out), Unpacked::Partly);
+        assert!(out.len() > content.len() / 3 && content.starts_with(&out));
+    }
+
+    #[test]
+    fn another_compression_is_named_as_such() {
+        assert_eq!(unpack("brotli", b"", &mut Vec::new()), Unpacked::Unsupported);
+    }
+}

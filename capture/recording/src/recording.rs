@@ -1,0 +1,117 @@
+//! What identification needs from a recording, whoever wrote it.
+//!
+//! Needed are the wrench and one of the two poses; everything else may be missing. Samples are sorted by `header.stamp`,
+//! exact repetitions are removed, and what cannot be used is left out and counted in [`ReadHealth`].
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+use ft_wire::HostTime;
+use sha2::{Digest, Sha256};
+
+use crate::calibration::Calibration;
+use crate::error::ReadError;
+use crate::reader::RecordReader;
+
+mod loader;
+mod pose;
+mod topic_map;
+mod track;
+
+use loader::Loader;
+pub use pose::Pose7;
+pub use topic_map::TopicMap;
+pub use track::{ReadHealth, TopicHealth};
+
+/// A value and when it was true, on the host clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stamped<T> {
+    /// `header.stamp`.
+    pub at: HostTime,
+    /// The value.
+    pub value: T,
+}
+
+/// Whose pose a track gives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrackedFrame {
+    /// Between the pads (`/tcp/pose`).
+    Tcp,
+    /// The Aria glasses (`/aria/pose`).
+    AriaDevice,
+}
+
+/// A tracked frame's poses in `world`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseTrack {
+    /// The tracked frame.
+    pub frame: TrackedFrame,
+    /// `world_from_<frame>`, by stamp.
+    pub samples: Vec<Stamped<Pose7>>,
+}
+
+/// A recording as identification sees it. Every vector is sorted by stamp; stamps may repeat with different values.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// The file.
+    pub path: PathBuf,
+    /// SHA-256 of the file, 64 hex digits.
+    pub sha256: String,
+    /// Force then torque, N and N m; environment on tool, in `ft_sensor`, neither tared nor compensated.
+    pub wrench: Vec<Stamped<[f64; 6]>>,
+    /// `/tcp/pose` when it has samples, else `/aria/pose`.
+    pub pose: PoseTrack,
+    /// Jaw opening, m.
+    pub gripper_width: Vec<Stamped<f64>>,
+    /// Of the force-torque sensor, degrees Celsius.
+    pub temperature: Vec<Stamped<f64>>,
+    /// From `/tf_static`; identity when that does not say.
+    pub aria_device_from_tcp: Pose7,
+    /// From `/tf_static`; identity when that does not say.
+    pub tcp_from_ft_sensor: Pose7,
+    /// The operator's marks, at their publish time.
+    pub marks: Vec<Stamped<String>>,
+    /// The tool's calibration, when the recording has one.
+    pub calibration: Option<Calibration>,
+    /// Entries of `ft.session`.
+    pub session: BTreeMap<String, String>,
+    /// What was left out, and what is wrong with the file.
+    pub health: ReadHealth,
+}
+
+impl Recording {
+    /// Reads an MCAP recording.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no MCAP; the wrench or both poses are missing, of another type, not CDR, or have
+    /// no message that can be used; `ft.calibration` is wrong; or `map` names a topic that is not there. A truncated or
+    /// damaged file is no error as long as the needed topics have messages before the damage.
+    pub fn load(path: &Path, map: &TopicMap) -> Result<Self, ReadError> {
+        let sha256 = sha256_of(path)?;
+        let mut reader = RecordReader::open(path)?;
+        let mut loader = Loader::new(map);
+        while let Some(record) = reader.next_record()? {
+            loader.take(record);
+        }
+        loader.finish(path, sha256, reader.damage())
+    }
+}
+
+/// SHA-256 of a file, 64 hex digits.
+fn sha256_of(path: &Path) -> Result<String, ReadError> {
+    let io = |call| move |source| ReadError::Io { call, path: path.to_owned(), source };
+    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(io("open"))?);
+    let mut hasher = Sha256::new();
+    loop {
+        let bytes = file.fill_buf().map_err(io("read"))?;
+        if bytes.is_empty() {
+            return Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect());
+        }
+        hasher.update(bytes);
+        let length = bytes.len();
+        file.consume(length);
+    }
+}
+
