@@ -1,8 +1,8 @@
 //! ROS 2 messages, CDR and MCAP recordings, in and out.
 //!
 //! [`RecordingWriter`] writes a recording so that a crash costs at most one flush period; [`Recording::load`] reads what
-//! identification needs from any MCAP that keeps the reader's contract, whoever wrote it; [`recover()`] turns the
-//! leftover of a crash into a complete file; [`check()`] says what a recording is worth.
+//! identification needs from any MCAP that keeps the reader's contract, whoever wrote it; [`recover::recover`] turns the
+//! leftover of a crash into a complete file; [`check::check`] says what a recording is worth.
 
 #![warn(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 #![cfg_attr(
@@ -10,25 +10,26 @@
     allow(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)
 )]
 
-mod calibration;
-mod cdr;
-mod error;
+pub mod calibration;
+pub mod cdr;
+pub mod check;
+pub mod error;
 pub mod message;
-mod qos;
+pub mod qos;
 pub mod reader;
-mod recording;
+pub mod recording;
+pub mod recover;
 pub mod schema;
-mod writer;
+mod sequences;
+pub mod writer;
 
 pub use calibration::{Calibration, Estimate};
 pub use cdr::CdrError;
-pub use error::{CalibrationError, FirstBytes, ReadError, TopicList, WriteError};
+pub use error::{CalibrationError, ReadError, WriteError};
 pub use message::Message;
-pub use qos::{Durability, Qos, Reliability};
-pub use recording::{
-    Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap, TrackedFrame,
-};
-pub use writer::{ChannelId, Compression, Finished, MessageStamps, RecordingWriter, WriterOptions};
+pub use qos::Qos;
+pub use recording::{Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame};
+pub use writer::{ChannelId, Finished, MessageStamps, RecordingWriter, WriterOptions};
 
 /// Topics of a recording.
 pub mod topic {
@@ -60,4 +61,6 @@ pub mod metadata {
     pub const CALIBRATION: &str = "ft.calibration";
     /// Per stream: received, gaps, drops, refused, duplicated.
     pub const LEDGER: &str = "ft.ledger";
+    /// What [`recover`](crate::recover::recover) found, in a recording that it wrote.
+    pub const RECOVERED: &str = "ft.recovered";
 }

@@ -12,7 +12,7 @@ use ft_wire::HostTime;
 use sha2::{Digest, Sha256};
 
 use crate::calibration::Calibration;
-use crate::error::ReadError;
+pub use crate::error::ReadError;
 use crate::reader::RecordReader;
 
 mod loader;

@@ -22,7 +22,7 @@ use mcap::McapError;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 
-use crate::error::WriteError;
+pub use crate::error::WriteError;
 use crate::message::Message;
 use crate::qos::Qos;
 
@@ -319,8 +319,9 @@ impl RecordingWriter {
     }
 }
 
-/// The name of `path` while it is written.
-pub(crate) fn partial_path(path: &Path) -> PathBuf {
+/// The name of a recording while it is written: `path` with `.partial` behind.
+#[must_use]
+pub fn partial_path(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".partial");
     PathBuf::from(name)
