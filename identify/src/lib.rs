@@ -1,1 +1,21 @@
 //! Joint, dynamics and what the model lacks, identified from a recording.
+//!
+//! ```text
+//! Recording -> samples -> grasp, payload -> screw, joint_graph -> effort -> motion -> dynamics -> report, twin
+//!   (MCAP)    one grid    free air, bias   type, axis, q(t)      tau     filtered   I, mu, b, g(q), c(q,|dq|)
+//! ```
+//!
+//! Everything after `effort` sees a joint coordinate and a generalized effort only ([`JointSamples`]), so tables of
+//! position and effort run through the same code as recordings.
+#![forbid(unsafe_code)]
+
+pub mod effect;
+pub mod filter;
+pub mod joint_graph;
+pub mod lag;
+pub mod least_squares;
+pub mod mechanism;
+pub mod motion;
+pub mod samples;
+pub mod screw;
+pub mod spline;

@@ -1,0 +1,69 @@
+//! Candidates for the effort model: each gives regressors on a prepared motion, with the sign physics allows.
+
+use crate::least_squares::Bound;
+use crate::motion::{Motion, MotionError};
+
+/// One regressor of a model that is linear in its parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// Name of the parameter, as in reports.
+    pub name: &'static str,
+    /// Unit of the parameter.
+    pub unit: String,
+    /// What the parameter may be.
+    pub bound: Bound,
+    /// Effort per unit of the parameter, filtered like the measured effort, at the samples that fits use.
+    pub values: Vec<f64>,
+}
+
+/// A physical effect that adds to the effort.
+pub trait Effect: core::fmt::Debug {
+    /// Name from the project's one vocabulary of effects.
+    fn name(&self) -> &'static str;
+
+    /// Its regressors on this motion.
+    ///
+    /// # Errors
+    /// When a series does not fit the motion.
+    fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError>;
+}
+
+/// The parametric model of the paper: `I ddq + mu sgn(dq) + b dq`, all three non-negative.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RigidBody;
+
+impl Effect for RigidBody {
+    fn name(&self) -> &'static str {
+        "rigid_body"
+    }
+
+    fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
+        let column = |name, unit: &str, series: &[f64]| {
+            let values = motion.regressor(series)?;
+            Ok(Column { name, unit: unit.to_owned(), bound: Bound::NonNegative, values })
+        };
+        let kind = motion.kind;
+        Ok(vec![
+            column("inertia", kind.inertia_unit(), &motion.second_derivative(&motion.q_measured))?,
+            column("coulomb", kind.effort_unit(), &motion.sign)?,
+            column("viscous", kind.viscous_unit(), &motion.derivative(&motion.q_measured))?,
+        ])
+    }
+}
+
+/// A load that does not depend on the motion: `tau = load`.
+///
+/// One alias class with a bias of the sensor and with Coulomb friction that differs between the directions.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ConstantLoad;
+
+impl Effect for ConstantLoad {
+    fn name(&self) -> &'static str {
+        "constant_load"
+    }
+
+    fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
+        let values = vec![1.0; motion.kept.len()];
+        Ok(vec![Column { name: "load", unit: motion.kind.effort_unit().to_owned(), bound: Bound::Free, values }])
+    }
+}

@@ -1,0 +1,223 @@
+//! Low-pass filters as second-order sections, run forward and backward so that they shift nothing in time.
+//!
+//! Every regressor of a fit goes through the same filter as the effort; a filter is linear, so the parameters stay what
+//! they were. Design by pole placement and bilinear transform with pre-warping; zero phase as
+//! `scipy.signal.sosfiltfilt` (odd extension, steady-state start).
+
+mod difference;
+
+pub use difference::{central_difference, first_derivative, second_derivative};
+
+use core::f64::consts::PI;
+
+/// Why a filter could not be made or run.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FilterError {
+    /// The cut-off lies outside (0, rate / 2).
+    #[error("cut-off {cutoff_hz} Hz is not between 0 and half the rate of {rate_hz} Hz; choose a lower cut-off")]
+    Cutoff {
+        /// Asked for, Hz.
+        cutoff_hz: f64,
+        /// Sample rate, Hz.
+        rate_hz: f64,
+    },
+    /// The order is outside 1..=12.
+    #[error("filter order {order} is not between 1 and 12")]
+    Order {
+        /// Asked for.
+        order: usize,
+    },
+    /// The series is shorter than the filter's edge extension.
+    #[error("series of {got} samples is too short for the filter, which needs more than {needed}")]
+    TooShort {
+        /// Samples there.
+        got: usize,
+        /// Samples of edge extension.
+        needed: usize,
+    },
+}
+
+/// One second-order section: `b` and `a` in powers of 1/z, `a[0]` = 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Section {
+    b: [f64; 3],
+    a: [f64; 3],
+}
+
+impl Section {
+    /// Direct form II transposed; `state` is carried along.
+    fn run(&self, x: &mut [f64], state: [f64; 2]) {
+        let [mut s0, mut s1] = state;
+        let ([b0, b1, b2], [_, a1, a2]) = (self.b, self.a);
+        for value in x {
+            let input = *value;
+            let output = b0 * input + s0;
+            s0 = b1 * input - a1 * output + s1;
+            s1 = b2 * input - a2 * output;
+            *value = output;
+        }
+    }
+
+    /// Gain at zero frequency.
+    fn dc_gain(&self) -> f64 {
+        self.b.iter().sum::<f64>() / self.a.iter().sum::<f64>()
+    }
+
+    /// State that a constant input of 1 leaves.
+    fn steady_state(&self) -> [f64; 2] {
+        let gain = self.dc_gain();
+        let s1 = self.b[2] - self.a[2] * gain;
+        [self.b[1] - self.a[1] * gain + s1, s1]
+    }
+}
+
+/// A low-pass filter of second-order sections.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LowPass {
+    sections: Vec<Section>,
+    /// Cut-off over rate.
+    cutoff: f64,
+}
+
+impl LowPass {
+    /// Butterworth of `order` with its -3 dB point (one way) at `cutoff_hz`.
+    ///
+    /// # Errors
+    /// [`FilterError::Cutoff`], [`FilterError::Order`].
+    pub fn butterworth(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
+        Self::from_poles(order, cutoff_hz, rate_hz, 1.0, |angle| (angle.cos(), angle.sin()))
+    }
+
+    /// Chebyshev type I of `order` with `ripple_db` in the pass band, which ends at `cutoff_hz`.
+    ///
+    /// # Errors
+    /// [`FilterError::Cutoff`], [`FilterError::Order`].
+    pub fn chebyshev1(order: usize, ripple_db: f64, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
+        let epsilon = (10.0_f64.powf(ripple_db / 10.0) - 1.0).sqrt();
+        let mu = (1.0 / epsilon).asinh() / order.max(1) as f64;
+        let gain = if order.is_multiple_of(2) { 10.0_f64.powf(-ripple_db / 20.0) } else { 1.0 };
+        Self::from_poles(order, cutoff_hz, rate_hz, gain, |angle| (mu.sinh() * angle.cos(), mu.cosh() * angle.sin()))
+    }
+
+    /// `pole` gives the prototype pole (cut-off 1 rad/s) of an angle in (pi/2, pi].
+    fn from_poles(
+        order: usize,
+        cutoff_hz: f64,
+        rate_hz: f64,
+        gain: f64,
+        pole: impl Fn(f64) -> (f64, f64),
+    ) -> Result<Self, FilterError> {
+        if !(1..=12).contains(&order) {
+            return Err(FilterError::Order { order });
+        }
+        if !(cutoff_hz > 0.0 && cutoff_hz < rate_hz / 2.0) {
+            return Err(FilterError::Cutoff { cutoff_hz, rate_hz });
+        }
+        let warped = (PI * cutoff_hz / rate_hz).tan();
+        let mut sections = Vec::with_capacity(order.div_ceil(2));
+        for k in 0..order / 2 {
+            let angle = PI * (2 * k + 1 + order) as f64 / (2 * order) as f64;
+            let (re, im) = pole(angle);
+            let (re, im) = (re * warped, im * warped);
+            // s = (z - 1) / (z + 1): denominator s^2 - 2 re s + |p|^2.
+            let square = re * re + im * im;
+            let a0 = 1.0 - 2.0 * re + square;
+            let a = [1.0, 2.0 * (square - 1.0) / a0, (1.0 + 2.0 * re + square) / a0];
+            let unit = (a[0] + a[1] + a[2]) / 4.0;
+            sections.push(Section { b: [unit, 2.0 * unit, unit], a });
+        }
+        if !order.is_multiple_of(2) {
+            let (re, _) = pole(PI);
+            let re = re * warped;
+            let a1 = (-1.0 - re) / (1.0 - re);
+            let unit = (1.0 + a1) / 2.0;
+            sections.push(Section { b: [unit, unit, 0.0], a: [1.0, a1, 0.0] });
+        }
+        if let Some(first) = sections.first_mut() {
+            first.b = first.b.map(|b| b * gain);
+        }
+        Ok(Self { sections, cutoff: cutoff_hz / rate_hz })
+    }
+
+    /// Samples by which each end is extended, as scipy chooses them.
+    #[must_use]
+    pub fn edge_samples(&self) -> usize {
+        let first_order = self.sections.iter().filter(|section| section.b[2] == 0.0).count();
+        3 * (2 * self.sections.len() + 1 - first_order)
+    }
+
+    /// The series filtered forward and backward: no phase, gain squared.
+    ///
+    /// # Errors
+    /// [`FilterError::TooShort`].
+    pub fn zero_phase(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
+        self.zero_phase_extended(series, self.edge_samples())
+    }
+
+    /// As [`LowPass::zero_phase`], with each end extended by three periods of the cut-off (or all there is), so that
+    /// what the filter does at the ends has died out before the series begins.
+    ///
+    /// # Errors
+    /// [`FilterError::TooShort`].
+    pub fn zero_phase_settled(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
+        let pad = ((3.0 / self.cutoff) as usize).clamp(self.edge_samples(), series.len().max(self.edge_samples() + 1) - 1);
+        self.zero_phase_extended(series, pad)
+    }
+
+    fn zero_phase_extended(&self, series: &[f64], pad: usize) -> Result<Vec<f64>, FilterError> {
+        let count = series.len();
+        if count <= pad {
+            return Err(FilterError::TooShort { got: count, needed: pad });
+        }
+        let (first, last) = (series[0], series[count - 1]);
+        let mut extended = Vec::with_capacity(count + 2 * pad);
+        extended.extend((1..=pad).rev().map(|i| 2.0 * first - series[i]));
+        extended.extend_from_slice(series);
+        extended.extend((1..=pad).map(|i| 2.0 * last - series[count - 1 - i]));
+        self.run_once(&mut extended);
+        extended.reverse();
+        self.run_once(&mut extended);
+        extended.reverse();
+        extended.truncate(count + pad);
+        extended.drain(..pad);
+        Ok(extended)
+    }
+
+    fn run_once(&self, series: &mut [f64]) {
+        let mut level = series.first().copied().unwrap_or(0.0);
+        for section in &self.sections {
+            let start = section.steady_state().map(|s| s * level);
+            level *= section.dc_gain();
+            section.run(series, start);
+        }
+    }
+
+    /// Gain of one pass at `hz`; zero phase applies it twice.
+    #[must_use]
+    pub fn gain(&self, hz: f64, rate_hz: f64) -> f64 {
+        let angle = 2.0 * PI * hz / rate_hz;
+        let magnitude = |c: &[f64; 3]| {
+            let re = c[0] + c[1] * angle.cos() + c[2] * (2.0 * angle).cos();
+            let im = c[1] * angle.sin() + c[2] * (2.0 * angle).sin();
+            re.hypot(im)
+        };
+        self.sections.iter().map(|section| magnitude(&section.b) / magnitude(&section.a)).product()
+    }
+}
+
+/// Keeps every `factor`-th sample after an anti-alias filter: Chebyshev-I order 8, 0.05 dB, 0.8 / `factor` of the
+/// half rate, zero phase (as `scipy.signal.decimate`).
+///
+/// # Errors
+/// [`FilterError::TooShort`]; [`FilterError::Cutoff`] when `factor` is 0.
+pub fn decimate(series: &[f64], factor: usize) -> Result<Vec<f64>, FilterError> {
+    if factor == 1 {
+        return Ok(series.to_vec());
+    }
+    let filter = LowPass::chebyshev1(8, 0.05, 0.8 / factor as f64, 2.0)?;
+    Ok(filter.zero_phase(series)?.into_iter().step_by(factor).collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,320 @@
+//! Joint geometry and all per-sample states refined together, as a chain-shaped factor graph.
+//!
+//! Unknown are the axis (two tilts, and two shifts when revolute), the grasp (where the tool sits on the part: two
+//! components of its position and its rotation), and for each sample the joint coordinate `q` and what the tracker has
+//! wandered, `w` (position) and `v` (rotation):
+//!
+//! ```text
+//! p = motion(q) p0 + w + white noise         log(R (motion(q) R0)^-1) = v + white noise
+//! w[i] = rho w[i-1] + noise,  v likewise     (a wander of standard deviation s and time constant T, rho = exp(-dt/T))
+//! ```
+//!
+//! Each Gauss-Newton step is one block-tridiagonal elimination with the geometry as a border, linear in the number of
+//! samples. The wander's size and time constant are estimated from how the residuals across the motion grow with lag, so
+//! correlated noise is neither over-trusted (a covariance that counts each sample) nor averaged as if it were white.
+//! A revolute joint has pitch 0 by construction.
+
+mod chain;
+mod noise;
+
+pub use noise::Wander;
+
+use nalgebra::{DMatrix, Point3, UnitQuaternion, Vector3};
+
+use crate::screw::{Candidates, JointKind, PoseSamples, ScrewAxis, perpendiculars};
+use chain::{Linearized, Step};
+
+/// Number of geometry parameters: tilt 2, shift 2, grasp position 2, grasp rotation 3.
+const GEOMETRY: usize = 9;
+
+/// A refined joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RefinedJoint {
+    /// The axis. `point` lies at the height of the middle of the track along the axis.
+    pub axis: ScrewAxis,
+    /// Tool position on the part at q = 0, m.
+    pub tool_position: Point3<f64>,
+    /// Tool rotation at q = 0; identity when orientations were not used.
+    pub tool_rotation: UnitQuaternion<f64>,
+    /// Whether orientations were used.
+    pub uses_rotations: bool,
+    /// Joint coordinate of each sample of the track, rad or m.
+    pub q: Vec<f64>,
+    /// Standard deviation of the axis direction, rad (root of the sum of the variances of both tilts).
+    pub direction_std: f64,
+    /// Standard deviation of the axis position across the axis, m; 0 for a prismatic joint, whose line is free.
+    pub position_std: f64,
+    /// Covariance of [tilt, tilt, shift, shift], rad and m, along [`perpendiculars`] of the direction.
+    pub covariance: DMatrix<f64>,
+    /// Root mean square distance of the positions from the path, m.
+    pub position_rms: f64,
+    /// The tracker's position noise as estimated, m.
+    pub position_noise: Wander,
+    /// The tracker's rotation noise as estimated, rad.
+    pub rotation_noise: Wander,
+}
+
+#[derive(Clone, Debug)]
+struct State {
+    axis: ScrewAxis,
+    p0: Point3<f64>,
+    r0: UnitQuaternion<f64>,
+    q: Vec<f64>,
+    wander: Vec<[Vector3<f64>; 2]>,
+}
+
+/// Refines the chosen candidate over all samples of `track`.
+#[must_use]
+pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
+    let uses_rotations = chosen.orientation_agrees && track.has_rotations();
+    let mut state = State::start(track, chosen, uses_rotations);
+    let mut noise = [Wander::start(1e-3, track.period), Wander::start(5e-3, track.period)];
+    let mut last = None;
+    for _ in 0..4 {
+        noise = state.estimate_noise(track, uses_rotations, noise);
+        let mut cost = f64::INFINITY;
+        for _ in 0..12 {
+            let linear = state.linearize(track, uses_rotations, &noise);
+            let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
+            cost = linear.cost;
+            let Some(step) = linear.solve() else { break };
+            let small = state.apply(&step);
+            last = Some((step, cost));
+            if done || small {
+                break;
+            }
+        }
+    }
+    state.finish(track, uses_rotations, noise, last)
+}
+
+impl State {
+    fn start(track: &PoseSamples, chosen: &Candidates, uses_rotations: bool) -> Self {
+        let mut axis = chosen.axis;
+        let count = track.positions.len();
+        let middle = track.positions.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count.max(1) as f64;
+        let along = axis.direction.into_inner() * axis.direction.dot(&(middle - axis.point.coords));
+        if axis.kind == JointKind::Revolute {
+            axis.point += along;
+        }
+        let first = track.positions.first().copied().unwrap_or_else(Point3::origin);
+        let (q, p0) = match axis.kind {
+            JointKind::Prismatic => {
+                let q0 = axis.direction.dot(&(first - axis.point));
+                let q = track.positions.iter().map(|p| axis.direction.dot(&(p - axis.point)) - q0).collect();
+                (q, axis.point + axis.direction.into_inner() * q0)
+            }
+            JointKind::Revolute => {
+                let arm = first - axis.point;
+                let height = axis.direction.dot(&arm);
+                let flat = arm - axis.direction.into_inner() * height;
+                let level = axis.direction.dot(&(Point3::from(middle) - axis.point));
+                let p0 = axis.point + flat.normalize() * chosen.radius + axis.direction.into_inner() * level;
+                (crate::screw::angles(&track.positions, &axis), p0)
+            }
+        };
+        let mut state =
+            Self { axis, p0, r0: UnitQuaternion::identity(), q, wander: vec![[Vector3::zeros(); 2]; count] };
+        if uses_rotations {
+            let grasp: Vec<UnitQuaternion<f64>> = track
+                .rotations
+                .iter()
+                .zip(&state.q)
+                .map(|(r, q)| state.axis.motion(*q).rotation.inverse() * r)
+                .collect();
+            state.r0 = crate::screw::robust_mean(&grasp);
+        }
+        state
+    }
+
+    /// Position and rotation left over at sample `i`, wander included.
+    fn leftover(&self, track: &PoseSamples, i: usize, uses_rotations: bool) -> [Vector3<f64>; 2] {
+        let motion = self.axis.motion(self.q[i]);
+        let rotation = if uses_rotations {
+            (track.rotations[i] * (motion.rotation * self.r0).inverse()).scaled_axis()
+        } else {
+            Vector3::zeros()
+        };
+        [track.positions[i] - motion * self.p0, rotation]
+    }
+
+    /// Residual components that no joint motion can explain: two of the position, two or three of the rotation.
+    fn across(&self, track: &PoseSamples, uses_rotations: bool) -> [Vec<Vec<f64>>; 2] {
+        let count = track.positions.len();
+        let (first, second) = perpendiculars(&self.axis.direction);
+        let mut position = vec![Vec::with_capacity(count), Vec::with_capacity(count)];
+        let mut rotation = vec![Vec::with_capacity(count), Vec::with_capacity(count)];
+        for i in 0..count {
+            let [p, r] = self.leftover(track, i, uses_rotations);
+            let (a, b) = match self.axis.kind {
+                JointKind::Prismatic => (first, second),
+                JointKind::Revolute => {
+                    let path = self.axis.motion(self.q[i]) * self.p0;
+                    let along = self.axis.velocity_at(&path).normalize();
+                    (self.axis.direction.into_inner(), along.cross(&self.axis.direction))
+                }
+            };
+            position[0].push(p.dot(&a));
+            position[1].push(p.dot(&b));
+            rotation[0].push(r.dot(&first));
+            rotation[1].push(r.dot(&second));
+        }
+        [position, rotation]
+    }
+
+    fn estimate_noise(&self, track: &PoseSamples, uses_rotations: bool, before: [Wander; 2]) -> [Wander; 2] {
+        let [position, rotation] = self.across(track, uses_rotations);
+        let position = Wander::estimate(&position, track, 1e-6).unwrap_or(before[0]);
+        let rotation = if uses_rotations {
+            Wander::estimate(&rotation, track, 1e-6).unwrap_or(before[1])
+        } else {
+            before[1]
+        };
+        [position, rotation]
+    }
+
+    fn linearize(&self, track: &PoseSamples, uses_rotations: bool, noise: &[Wander; 2]) -> Linearized {
+        let active = match (self.axis.kind, uses_rotations) {
+            (JointKind::Revolute, true) => vec![0, 1, 2, 3, 4, 5, 6, 7, 8],
+            (JointKind::Revolute, false) => vec![0, 1, 2, 3, 4, 5],
+            (JointKind::Prismatic, true) => vec![0, 1, 4, 5, 6, 7, 8],
+            (JointKind::Prismatic, false) => vec![0, 1, 4, 5],
+        };
+        let mut linear = Linearized::new(track.positions.len(), active);
+        let frame = Frame::new(self);
+        for i in 0..track.positions.len() {
+            let leftover = self.leftover(track, i, uses_rotations);
+            let jacobians = frame.jacobians(self, self.q[i]);
+            for part in 0..if uses_rotations { 2 } else { 1 } {
+                let residual = leftover[part] - self.wander[i][part];
+                linear.measure(i, part, &jacobians[part], residual, noise[part].white);
+            }
+            for (part, noise) in noise.iter().enumerate() {
+                let before = track.follows(i).then(|| self.wander[i - 1][part]);
+                linear.walk(i, part, before, self.wander[i][part], noise, track.period);
+            }
+        }
+        linear
+    }
+
+    /// Applies a step; true when it was too small to matter.
+    fn apply(&mut self, step: &Step) -> bool {
+        let frame = Frame::new(self);
+        let g = &step.geometry;
+        let tilt = UnitQuaternion::from_scaled_axis(frame.first * g[0] + frame.second * g[1]);
+        self.p0 += frame.grasp[0] * g[4] + frame.grasp[1] * g[5];
+        if self.axis.kind == JointKind::Revolute {
+            self.axis.point += frame.first * g[2] + frame.second * g[3];
+        }
+        self.axis.direction = tilt * self.axis.direction;
+        self.r0 = UnitQuaternion::from_scaled_axis(Vector3::new(g[6], g[7], g[8])) * self.r0;
+        for ((q, wander), change) in self.q.iter_mut().zip(&mut self.wander).zip(&step.states) {
+            *q += change[0];
+            wander[0] += Vector3::new(change[1], change[2], change[3]);
+            wander[1] += Vector3::new(change[4], change[5], change[6]);
+        }
+        g.amax() < 1e-9
+    }
+
+    fn finish(
+        mut self,
+        track: &PoseSamples,
+        uses_rotations: bool,
+        noise: [Wander; 2],
+        last: Option<(Step, f64)>,
+    ) -> RefinedJoint {
+        let [position, _] = self.across(track, uses_rotations);
+        let count = position[0].len().max(1) as f64;
+        let square: f64 = position.iter().flatten().map(|v| v * v).sum();
+        let mut covariance = DMatrix::zeros(4, 4);
+        if let Some((step, cost)) = last {
+            // The noise model is an estimate: never claim more than the residuals bear out.
+            let inflation = (cost / step.freedom.max(1.0)).max(1.0);
+            covariance = step.covariance.view((0, 0), (4, 4)) * inflation;
+        }
+        let variance = |i: usize| covariance[(i, i)].max(0.0);
+        let (direction_std, mut position_std) =
+            ((variance(0) + variance(1)).sqrt(), (variance(2) + variance(3)).sqrt());
+        if self.axis.kind == JointKind::Prismatic {
+            position_std = 0.0;
+        }
+        let origin = self.q.first().copied().unwrap_or(0.0);
+        for q in &mut self.q {
+            *q -= origin;
+        }
+        let to_first = self.axis.motion(origin);
+        RefinedJoint {
+            axis: self.axis,
+            tool_position: to_first * self.p0,
+            tool_rotation: to_first.rotation * self.r0,
+            uses_rotations,
+            q: self.q,
+            direction_std,
+            position_std,
+            covariance,
+            position_rms: (square / count).sqrt(),
+            position_noise: noise[0],
+            rotation_noise: noise[1],
+        }
+    }
+}
+
+/// Directions of the geometry parameters at the current estimate.
+struct Frame {
+    first: Vector3<f64>,
+    second: Vector3<f64>,
+    grasp: [Vector3<f64>; 2],
+}
+
+impl Frame {
+    fn new(state: &State) -> Self {
+        let (first, second) = perpendiculars(&state.axis.direction);
+        let grasp = match state.axis.kind {
+            JointKind::Prismatic => [first, second],
+            JointKind::Revolute => {
+                let arm = state.p0 - state.axis.point;
+                let direction = state.axis.direction.into_inner();
+                [(arm - direction * direction.dot(&arm)).normalize(), direction]
+            }
+        };
+        Self { first, second, grasp }
+    }
+
+    /// Derivatives of predicted position and rotation (left perturbation) by [q, geometry...], as columns.
+    fn jacobians(&self, state: &State, q: f64) -> [[Vector3<f64>; GEOMETRY + 1]; 2] {
+        let zero = Vector3::zeros();
+        let mut position = [zero; GEOMETRY + 1];
+        let mut rotation = [zero; GEOMETRY + 1];
+        let direction = state.axis.direction.into_inner();
+        let turn = state.axis.motion(q).rotation;
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        match state.axis.kind {
+            JointKind::Prismatic => {
+                position[0] = direction;
+                position[1] = self.first.cross(&direction) * q;
+                position[2] = self.second.cross(&direction) * q;
+            }
+            JointKind::Revolute => {
+                let arm = state.p0 - state.axis.point;
+                let turned = turn * arm;
+                position[0] = direction.cross(&turned);
+                rotation[0] = direction;
+                for (k, e) in [self.first, self.second].into_iter().enumerate() {
+                    position[1 + k] = e.cross(&turned) - turn * e.cross(&arm);
+                    rotation[1 + k] = e - turn * e;
+                    position[3 + k] = e - turn * e;
+                }
+            }
+        }
+        for k in 0..2 {
+            position[5 + k] = turn * self.grasp[k];
+        }
+        for (k, e) in axes.into_iter().enumerate() {
+            rotation[7 + k] = turn * e;
+        }
+        [position, rotation]
+    }
+}
+
+#[cfg(test)]
+mod tests;

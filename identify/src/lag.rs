@@ -1,0 +1,89 @@
+//! The time by which the effort lags behind the motion, from the fit itself.
+//!
+//! A lag `L` leaves `L dtau/dt` in the residual. The effort is shifted over a range, a memoryless model (inertia,
+//! friction, a coarse load curve) is fitted at each shift, and the parabola through the smallest sums of squares gives
+//! the lag to a fraction of a sample. Grasp compliance looks the same; this does not tell them apart.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::effect::{Effect, RigidBody};
+use crate::least_squares::effective_count;
+use crate::motion::{Motion, MotionError};
+use crate::spline::Basis;
+
+/// An estimated lag of the effort behind the motion.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Lag {
+    /// Best estimate, s; positive when the effort is stamped late.
+    pub value_s: f64,
+    /// Standard deviation, s.
+    pub std_s: f64,
+    /// Whether the effort was shifted by it before the final fit.
+    pub applied: bool,
+}
+
+const RANGE_S: f64 = 0.06;
+
+/// Scans the lag over +-60 ms. `None` when the best lies at the end of the range or the motion cannot show it.
+///
+/// # Errors
+/// When the motion cannot be filtered.
+pub fn estimate(motion: &Motion) -> Result<Option<Lag>, MotionError> {
+    let y = design(motion)?;
+    let tau = motion.filtered(&motion.tau)?;
+    let steps = (RANGE_S / motion.period).round().max(2.0) as isize;
+    let inside: Vec<usize> = (0..motion.kept.len())
+        .filter(|&k| {
+            let i = motion.kept[k] as isize;
+            motion.runs.iter().any(|run| i - steps >= run.start as isize && i + steps < run.end as isize)
+        })
+        .collect();
+    if inside.len() < 4 * y.ncols() {
+        return Ok(None);
+    }
+    let y = y.select_rows(&inside);
+    let mut gram = y.transpose() * &y;
+    for j in 0..gram.ncols() {
+        gram[(j, j)] *= 1.0 + 1e-9;
+        gram[(j, j)] += 1e-12;
+    }
+    let Some(factor) = gram.cholesky() else { return Ok(None) };
+    let residual = |shift: isize| {
+        let target = DVector::from_iterator(
+            inside.len(),
+            inside.iter().map(|&k| tau[(motion.kept[k] as isize + shift) as usize]),
+        );
+        let theta = factor.solve(&(y.transpose() * &target));
+        target - &y * theta
+    };
+    let sums: Vec<f64> = (-steps..=steps).map(|shift| residual(shift).norm_squared()).collect();
+    let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else { return Ok(None) };
+    if best == 0 || best + 1 == sums.len() {
+        return Ok(None);
+    }
+    let curvature = sums[best - 1] - 2.0 * sums[best] + sums[best + 1];
+    let offset = 0.5 * (sums[best - 1] - sums[best + 1]) / curvature;
+    let left = residual(best as isize - steps);
+    let variance = sums[best] / effective_count(left.as_slice()).max(1.0);
+    let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
+    let value_s = (best as f64 - steps as f64 + offset) * motion.period;
+    Ok((value_s.is_finite() && std_s.is_finite()).then_some(Lag { value_s, std_s, applied: false }))
+}
+
+/// Inertia, friction and a coarse load curve.
+fn design(motion: &Motion) -> Result<DMatrix<f64>, MotionError> {
+    let columns = RigidBody.columns(motion)?;
+    let (low, high) = crate::samples::extrema(&motion.q);
+    let basis = Basis::new(low, high, 6, 3);
+    let mut y = DMatrix::zeros(motion.kept.len(), columns.len() + basis.len());
+    for (j, column) in columns.iter().enumerate() {
+        y.column_mut(j).copy_from_slice(&column.values);
+    }
+    for (row, &i) in motion.kept.iter().enumerate() {
+        let (first, values) = basis.evaluate(motion.q[i]);
+        for (j, value) in values.iter().take(4).enumerate() {
+            y[(row, columns.len() + first + j)] = *value;
+        }
+    }
+    Ok(y)
+}

@@ -1,0 +1,177 @@
+//! Minimum of a convex quadratic with some variables non-negative, by active set.
+//!
+//! # Source
+//! Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, written for the normal matrix.
+
+use nalgebra::{DMatrix, DVector};
+
+/// What a parameter may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// Any value.
+    Free,
+    /// Zero or more.
+    NonNegative,
+}
+
+/// Minimizes `x' H x / 2 - f' x` with the bounds; `start` names the variables first taken as not at their bound.
+///
+/// `H` is symmetric and positive definite on the variables that end up free; where it is singular a variable stays at
+/// its bound. The result keeps the Karush-Kuhn-Tucker conditions to rounding: bounded variables are >= 0, those at zero
+/// have a gradient >= 0.
+#[must_use]
+pub fn bounded_quadratic(
+    h: &DMatrix<f64>,
+    f: &DVector<f64>,
+    bounds: &[Bound],
+    start: Option<&[bool]>,
+) -> DVector<f64> {
+    let n = f.len();
+    let bounded = |j: usize| bounds.get(j) == Some(&Bound::NonNegative);
+    let mut free: Vec<bool> = (0..n).map(|j| !bounded(j) || start.is_some_and(|s| s[j])).collect();
+    // A warm start may be infeasible: drop what comes out negative until it is not.
+    let mut x = loop {
+        let candidate = solve_free(h, f, &mut free);
+        let negative: Vec<usize> = (0..n).filter(|&j| free[j] && bounded(j) && candidate[j] <= 0.0).collect();
+        if negative.is_empty() {
+            break candidate;
+        }
+        for j in negative {
+            free[j] = false;
+        }
+    };
+    let tolerance = 1e-10 * f.amax().max(f64::MIN_POSITIVE);
+    let mut banned = vec![false; n];
+    for _ in 0..6 * n + 20 {
+        let gradient = f - h * &x;
+        let entering = (0..n)
+            .filter(|&j| !free[j] && !banned[j] && gradient[j] > tolerance)
+            .max_by(|&a, &b| gradient[a].total_cmp(&gradient[b]));
+        let Some(entering) = entering else { break };
+        free[entering] = true;
+        let before = x.clone();
+        step_to_feasible(h, f, &mut free, &mut x, &bounded);
+        // Singular or degenerate: the variable fell straight back; do not try it again before something else moved.
+        if free[entering] {
+            banned.fill(false);
+        } else {
+            banned[entering] = true;
+            if (&x - &before).amax() > 0.0 {
+                banned.fill(false);
+                banned[entering] = true;
+            }
+        }
+    }
+    x
+}
+
+/// Lawson and Hanson's inner loop: go to the unconstrained optimum of the free set, or as far as the bounds let.
+fn step_to_feasible(
+    h: &DMatrix<f64>,
+    f: &DVector<f64>,
+    free: &mut [bool],
+    x: &mut DVector<f64>,
+    bounded: &impl Fn(usize) -> bool,
+) {
+    for _ in 0..=free.len() {
+        let target = solve_free(h, f, free);
+        let blocking = |j: usize| free[j] && bounded(j) && target[j] <= 0.0;
+        let step = (0..x.len())
+            .filter(|&j| blocking(j))
+            .map(|j| x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE))
+            .fold(f64::INFINITY, f64::min);
+        if step.is_infinite() {
+            *x = target;
+            return;
+        }
+        let leaving: Vec<usize> = (0..x.len())
+            .filter(|&j| blocking(j) && x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE) <= step * (1.0 + 1e-12))
+            .collect();
+        for j in 0..x.len() {
+            x[j] = if free[j] { x[j] + step.min(1.0) * (target[j] - x[j]) } else { 0.0 };
+        }
+        for j in leaving {
+            free[j] = false;
+            x[j] = 0.0;
+        }
+    }
+}
+
+/// The optimum over the free variables, zero elsewhere. Variables that make the matrix singular are taken out.
+fn solve_free(h: &DMatrix<f64>, f: &DVector<f64>, free: &mut [bool]) -> DVector<f64> {
+    let index: Vec<usize> = (0..f.len()).filter(|&j| free[j]).collect();
+    let mut x = DVector::zeros(f.len());
+    if index.is_empty() {
+        return x;
+    }
+    let part = DMatrix::from_fn(index.len(), index.len(), |i, j| h[(index[i], index[j])]);
+    let right = DVector::from_fn(index.len(), |i, _| f[index[i]]);
+    let ridge = 1e-13 * part.diagonal().amax();
+    let mut steadied = part.clone();
+    for i in 0..index.len() {
+        steadied[(i, i)] += ridge;
+    }
+    let Some(factor) = steadied.cholesky() else {
+        // Not even then: leave out the last variable that came in without diagonal weight.
+        for (i, &j) in index.iter().enumerate() {
+            if part[(i, i)] <= ridge {
+                free[j] = false;
+            }
+        }
+        return x;
+    };
+    let mut solution = factor.solve(&right);
+    // One refinement step takes the ridge's bias away.
+    let correction = factor.solve(&(&right - &part * &solution));
+    solution += correction;
+    for (i, &j) in index.iter().enumerate() {
+        x[j] = solution[i];
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn problem(seed: u64, n: usize) -> (DMatrix<f64>, DVector<f64>, Vec<Bound>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let y = DMatrix::from_fn(3 * n, n, |_, _| StandardNormal.sample(&mut rng));
+        let tau = DVector::from_fn(3 * n, |_, _| StandardNormal.sample(&mut rng));
+        let bounds = (0..n).map(|j| if j % 3 == 0 { Bound::Free } else { Bound::NonNegative }).collect();
+        (y.transpose() * &y, y.transpose() * tau, bounds)
+    }
+
+    proptest! {
+        #[test]
+        fn the_solution_keeps_the_optimality_conditions(seed in 0_u64..1000, n in 1_usize..20, warm in any::<bool>()) {
+            let (h, f, bounds) = problem(seed, n);
+            let start = vec![true; n];
+            let x = bounded_quadratic(&h, &f, &bounds, warm.then_some(start.as_slice()));
+            let gradient = &h * &x - &f;
+            let small = 1e-8 * f.amax();
+            for j in 0..n {
+                match bounds[j] {
+                    Bound::Free => prop_assert!(gradient[j].abs() < small),
+                    Bound::NonNegative => {
+                        prop_assert!(x[j] >= 0.0 && gradient[j] > -small);
+                        prop_assert!((x[j] * gradient[j]).abs() < small * (1.0 + x[j]));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn two_equal_columns_share_or_leave_but_never_break() {
+        let y = DMatrix::from_fn(10, 2, |i, _| 1.0 + i as f64);
+        let tau = DVector::from_fn(10, |i, _| 2.0 * (1.0 + i as f64));
+        let x = bounded_quadratic(&(y.transpose() * &y), &(y.transpose() * &tau), &[Bound::NonNegative; 2], None);
+        assert!(x.iter().all(|v| *v >= 0.0));
+        assert!((x.sum() - 2.0).abs() < 1e-9);
+    }
+}

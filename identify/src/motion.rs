@@ -1,0 +1,291 @@
+//! The motion prepared for a fit: smoothed, differentiated, cut into strokes, gated, and a filter for every regressor.
+//!
+//! Position and effort are brought to a work rate by the same anti-alias filter. Then
+//! - linear regressors are `F(D q)`, `F(D^2 q)`, the effort `F(tau)`, with one zero-phase low-pass `F`;
+//! - nonlinear ones are evaluated on the motion smoothed at twice the cut-off and then go through `F` too
+//!   ([`Motion::regressor`]), also `sgn(dq)`.
+//!
+//! Samples for the fit are then taken at about four times the cut-off and gated by name.
+
+mod gate;
+mod stroke;
+
+pub use stroke::strokes;
+
+use core::ops::Range;
+use std::collections::BTreeMap;
+
+use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
+use crate::samples::{JointSamples, quantile};
+use crate::screw::JointKind;
+
+/// How the motion is prepared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionSettings {
+    /// Cut-off of the filter for effort and regressors, Hz.
+    pub cutoff_hz: f64,
+    /// Butterworth order of that filter, one way.
+    pub order: usize,
+    /// Rate at which regressors are evaluated, Hz; the nearest whole fraction of the recording's own.
+    pub work_rate_hz: f64,
+}
+
+impl Default for MotionSettings {
+    /// 6 Hz, order 4: hands reach about 5 Hz, and tracker noise grows with the fifth power of the cut-off.
+    fn default() -> Self {
+        Self { cutoff_hz: 6.0, order: 4, work_rate_hz: 200.0 }
+    }
+}
+
+/// Why a motion cannot be prepared.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MotionError {
+    /// Less motion than a fit needs.
+    #[error("{got_s:.1} s without a gap is too short, need at least {needed_s:.0} s; record longer")]
+    TooShort {
+        /// Longest gapless run, s.
+        got_s: f64,
+        /// Needed, s.
+        needed_s: f64,
+    },
+    /// The joint stands still.
+    #[error("the joint never moves: q stays within {range:.4} {unit}; open and close it while recording")]
+    NeverMoves {
+        /// Range of the coordinate.
+        range: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// All samples are gated.
+    #[error("only {kept} of {total} samples pass the gates; move faster and over a larger range")]
+    AllGated {
+        /// Samples left.
+        kept: usize,
+        /// Samples before the gates.
+        total: usize,
+    },
+    /// The filter does not fit the data.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
+}
+
+/// A prepared motion. Series are at the work rate unless said otherwise.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    /// Revolute or prismatic.
+    pub kind: JointKind,
+    /// Work period, s.
+    pub period: f64,
+    /// Gapless runs.
+    pub runs: Vec<Range<usize>>,
+    /// Time, s.
+    pub time: Vec<f64>,
+    /// Coordinate smoothed at twice the cut-off.
+    pub q: Vec<f64>,
+    /// Its first derivative.
+    pub dq: Vec<f64>,
+    /// Its second derivative.
+    pub ddq: Vec<f64>,
+    /// Sign of `dq`, averaged over the sample in which it changes.
+    pub sign: Vec<f64>,
+    /// Effort through the anti-alias filter only.
+    pub tau: Vec<f64>,
+    /// Coordinate through the anti-alias filter only.
+    pub q_measured: Vec<f64>,
+    /// Series of the position sensor's noise at the work rate; may be empty.
+    pub noise_of_q: Vec<Vec<f64>>,
+    /// Stroke of each sample, counted from 0 through the recording.
+    pub stroke: Vec<usize>,
+    /// Indices of the samples used in fits, ascending.
+    pub kept: Vec<usize>,
+    /// Samples (at the fit's rate) taken out, by gate.
+    pub gated: BTreeMap<&'static str, usize>,
+    /// Speed below which the joint is taken as stuck.
+    pub slow_speed: f64,
+    filter: LowPass,
+}
+
+const MIN_RUN_S: f64 = 1.0;
+const MIN_MOTION_S: f64 = 3.0;
+const MIN_KEPT: usize = 30;
+
+impl Motion {
+    /// Prepares `samples`.
+    ///
+    /// # Errors
+    /// [`MotionError`].
+    pub fn prepare(samples: &JointSamples, settings: &MotionSettings) -> Result<Self, MotionError> {
+        let rate = samples.rate_hz();
+        let factor = (rate / settings.work_rate_hz).round().max(1.0) as usize;
+        let work_rate = rate / factor as f64;
+        let cutoff = settings.cutoff_hz.min(work_rate / 6.0);
+        let mut work = Work { factor, rate, ..Work::default() };
+        let longest = samples.runs.iter().map(Range::len).max().unwrap_or(0) as f64 * samples.period;
+        if longest < MIN_MOTION_S {
+            return Err(MotionError::TooShort { got_s: longest, needed_s: MIN_MOTION_S });
+        }
+        work.noise = vec![Vec::new(); samples.noise_of_q.len()];
+        for run in samples.runs.iter().filter(|run| run.len() as f64 * samples.period >= MIN_RUN_S) {
+            work.append(samples, run.clone())?;
+        }
+        let period = 1.0 / work_rate;
+        let range = quantile(&work.q, 0.99) - quantile(&work.q, 0.01);
+        let smallest = if samples.kind == JointKind::Revolute { 0.02 } else { 0.01 };
+        if range < smallest {
+            return Err(MotionError::NeverMoves { range, unit: samples.kind.position_unit() });
+        }
+        let smooth_filter = LowPass::butterworth(4, (2.0 * cutoff).min(0.4 * work_rate), work_rate)?;
+        let q = by_run(&work.runs, &work.q, |part| smooth_filter.zero_phase_settled(part))?;
+        let dq = by_run(&work.runs, &q, |part| Ok(first_derivative(part, period)))?;
+        let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
+        let mut motion = Self {
+            kind: samples.kind,
+            period,
+            sign: by_run(&work.runs, &dq, |part| Ok(mean_sign(part)))?,
+            stroke: strokes(&work.runs, &q, 0.03 * range),
+            runs: work.runs,
+            time: work.time,
+            q,
+            dq,
+            ddq,
+            tau: work.tau,
+            q_measured: work.q,
+            noise_of_q: work.noise,
+            kept: Vec::new(),
+            gated: BTreeMap::new(),
+            slow_speed: 0.0,
+            filter: LowPass::butterworth(settings.order, cutoff, work_rate)?,
+        };
+        let total = gate::apply(&mut motion, cutoff);
+        if motion.kept.len() < MIN_KEPT {
+            return Err(MotionError::AllGated { kept: motion.kept.len(), total });
+        }
+        Ok(motion)
+    }
+
+    /// A series at the work rate through the fit's filter, run by run.
+    ///
+    /// # Errors
+    /// [`MotionError::Filter`] when the length differs from the motion's.
+    pub fn filtered(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
+        by_run(&self.runs, series, |part| self.filter.zero_phase_settled(part)).map_err(MotionError::from)
+    }
+
+    /// The samples of a series that fits use.
+    #[must_use]
+    pub fn at_kept(&self, series: &[f64]) -> Vec<f64> {
+        self.kept.iter().map(|&i| series[i]).collect()
+    }
+
+    /// A regressor: a series at the work rate, filtered like the effort, at the samples that fits use.
+    ///
+    /// # Errors
+    /// As [`Motion::filtered`].
+    pub fn regressor(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
+        Ok(self.at_kept(&self.filtered(series)?))
+    }
+
+    /// First derivative of a series at the work rate, run by run.
+    #[must_use]
+    pub fn derivative(&self, series: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; series.len()];
+        for run in &self.runs {
+            out[run.clone()].copy_from_slice(&first_derivative(&series[run.clone()], self.period));
+        }
+        out
+    }
+
+    /// Second derivative of a series at the work rate, run by run.
+    #[must_use]
+    pub fn second_derivative(&self, series: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; series.len()];
+        for run in &self.runs {
+            out[run.clone()].copy_from_slice(&second_derivative(&series[run.clone()], self.period));
+        }
+        out
+    }
+
+    /// Power gain of the zero-phase filter at `hz`.
+    #[must_use]
+    pub fn power_gain(&self, hz: f64) -> f64 {
+        self.filter.gain(hz, 1.0 / self.period).powi(4)
+    }
+
+    /// Fold of each kept sample for held-out errors, `0..folds`: pairs of strokes (out and back) take turns. With fewer
+    /// than three pairs, blocks of time.
+    #[must_use]
+    pub fn folds(&self) -> (Vec<usize>, usize) {
+        let kept_strokes: Vec<usize> = self.kept.iter().map(|&i| self.stroke[i]).collect();
+        let pairs = kept_strokes.iter().max().map_or(1, |s| s / 2 + 1);
+        if pairs < 3 {
+            let count = 4;
+            let size = self.kept.len().div_ceil(count).max(1);
+            return ((0..self.kept.len()).map(|i| i / size).collect(), count);
+        }
+        let count = pairs.min(6);
+        (kept_strokes.iter().map(|s| (s / 2) % count).collect(), count)
+    }
+}
+
+#[derive(Default)]
+struct Work {
+    factor: usize,
+    rate: f64,
+    runs: Vec<Range<usize>>,
+    time: Vec<f64>,
+    q: Vec<f64>,
+    tau: Vec<f64>,
+    noise: Vec<Vec<f64>>,
+}
+
+impl Work {
+    fn append(&mut self, samples: &JointSamples, run: Range<usize>) -> Result<(), FilterError> {
+        let factor = self.factor;
+        let reduce = |series: &[f64]| -> Result<Vec<f64>, FilterError> {
+            if factor == 1 {
+                return Ok(series.to_vec());
+            }
+            // Flat to a tenth of the work rate, and the same for every series, so it cancels in the fit.
+            let filter = LowPass::butterworth(4, 0.3 * self.rate / factor as f64, self.rate)?;
+            Ok(filter.zero_phase_settled(series)?.into_iter().step_by(factor).collect())
+        };
+        let start = self.time.len();
+        let q = reduce(&samples.q[run.clone()])?;
+        let tau = reduce(&samples.tau[run.clone()])?;
+        let noise: Vec<Vec<f64>> =
+            samples.noise_of_q.iter().map(|series| reduce(&series[run.clone()])).collect::<Result<_, _>>()?;
+        self.time.extend(samples.time[run].iter().step_by(factor));
+        self.q.extend(q);
+        self.tau.extend(tau);
+        for (all, new) in self.noise.iter_mut().zip(noise) {
+            all.extend(new);
+        }
+        self.runs.push(start..self.time.len());
+        Ok(())
+    }
+}
+
+fn by_run(
+    runs: &[Range<usize>],
+    series: &[f64],
+    mut f: impl FnMut(&[f64]) -> Result<Vec<f64>, FilterError>,
+) -> Result<Vec<f64>, FilterError> {
+    let mut out = Vec::with_capacity(series.len());
+    for run in runs {
+        let part = series.get(run.clone()).ok_or(FilterError::TooShort { got: series.len(), needed: run.end })?;
+        out.extend(f(part)?);
+    }
+    Ok(out)
+}
+
+/// Sign of a velocity, averaged over the step before each sample: between -1 and 1 where it changes.
+fn mean_sign(velocity: &[f64]) -> Vec<f64> {
+    let mean = |a: f64, b: f64| if a * b < 0.0 { (b.abs() - a.abs()) / (a.abs() + b.abs()) * b.signum() } else { b.signum() };
+    let mut out: Vec<f64> = velocity.first().map(|v| v.signum()).into_iter().collect();
+    out.extend(velocity.windows(2).map(|w| mean(w[0], w[1])));
+    out
+}
+
+#[cfg(test)]
+mod tests;

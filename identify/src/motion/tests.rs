@@ -1,0 +1,89 @@
+use super::*;
+use core::f64::consts::PI;
+
+fn sine(seconds: f64, rate: f64, amplitude: f64) -> JointSamples {
+    let count = (seconds * rate) as usize;
+    let time: Vec<f64> = (0..count).map(|i| i as f64 / rate).collect();
+    let q: Vec<f64> = time.iter().map(|t| amplitude * (1.0 - (PI * t).cos())).collect();
+    JointSamples {
+        kind: JointKind::Revolute,
+        period: 1.0 / rate,
+        runs: vec![0..count],
+        tau: q.iter().map(|q| q * 0.5).collect(),
+        q,
+        time,
+        noise_of_q: Vec::new(),
+    }
+}
+
+#[test]
+fn derivatives_are_those_of_the_motion() {
+    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    for &i in &motion.kept {
+        let t = motion.time[i];
+        assert!((motion.dq[i] - 0.4 * PI * (PI * t).sin()).abs() < 1e-3);
+        assert!((motion.ddq[i] - 0.4 * PI * PI * (PI * t).cos()).abs() < 5e-3);
+    }
+}
+
+#[test]
+fn strokes_change_at_reversals_only() {
+    let motion = Motion::prepare(&sine(10.0, 500.0, 0.4), &MotionSettings::default()).unwrap();
+    for (i, stroke) in motion.stroke.iter().enumerate() {
+        let t = motion.time[i];
+        if (t - t.round()).abs() > 0.02 {
+            assert_eq!(*stroke, t.floor() as usize, "at {t} s");
+        }
+    }
+}
+
+#[test]
+fn both_directions_are_in_every_fold() {
+    let motion = Motion::prepare(&sine(24.0, 500.0, 0.4), &MotionSettings::default()).unwrap();
+    let (folds, count) = motion.folds();
+    assert_eq!(count, 6);
+    for fold in 0..count {
+        let signs: Vec<f64> =
+            motion.kept.iter().zip(&folds).filter(|(_, f)| **f == fold).map(|(&i, _)| motion.sign[i]).collect();
+        assert!(signs.contains(&1.0) && signs.contains(&-1.0), "fold {fold}");
+    }
+}
+
+#[test]
+fn slow_samples_are_gated_by_name() {
+    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    assert!(motion.gated["slow"] > 10);
+    assert!(motion.gated["border"] > 5);
+    assert!(motion.kept.iter().all(|&i| motion.dq[i].abs() > motion.slow_speed));
+}
+
+#[test]
+fn nothing_is_filtered_across_a_gap() {
+    let mut samples = sine(20.0, 500.0, 0.4);
+    samples.runs = vec![0..4000, 4000..10000];
+    for value in &mut samples.tau[4000..] {
+        *value += 100.0;
+    }
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let filtered = motion.filtered(&motion.tau).unwrap();
+    let seam = motion.runs[0].end;
+    assert!(filtered[seam - 1] < 1.0 && filtered[seam] > 99.0);
+}
+
+#[test]
+fn a_still_a_short_and_a_crawling_joint_are_refused() {
+    let settings = MotionSettings::default();
+    assert!(matches!(Motion::prepare(&sine(10.0, 500.0, 1e-4), &settings), Err(MotionError::NeverMoves { .. })));
+    assert!(matches!(Motion::prepare(&sine(2.0, 500.0, 0.4), &settings), Err(MotionError::TooShort { .. })));
+    let mut held = sine(6.0, 500.0, 0.4);
+    for (i, q) in held.q.iter_mut().enumerate() {
+        *q = if i < 1500 { 0.0 } else { 0.5 };
+    }
+    assert!(matches!(Motion::prepare(&held, &settings), Err(MotionError::AllGated { .. })));
+}
+
+#[test]
+fn the_sign_is_averaged_where_it_changes() {
+    let signs = mean_sign(&[-3.0, 1.0, 2.0, -2.0]);
+    assert_eq!(signs, vec![-1.0, -0.5, 1.0, 0.0]);
+}

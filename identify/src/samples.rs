@@ -1,0 +1,135 @@
+//! A joint coordinate and a generalized effort on one uniform grid: what every fit of the dynamics starts from.
+
+use core::ops::Range;
+
+use crate::screw::JointKind;
+
+/// Joint coordinate and effort, sampled uniformly, possibly with gaps between runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointSamples {
+    /// Revolute (rad, N m) or prismatic (m, N).
+    pub kind: JointKind,
+    /// Time between samples within a run, s.
+    pub period: f64,
+    /// Gapless runs, ascending, as ranges into the series.
+    pub runs: Vec<Range<usize>>,
+    /// Time of each sample, s from the start of the recording.
+    pub time: Vec<f64>,
+    /// Joint coordinate as measured.
+    pub q: Vec<f64>,
+    /// Effort applied to the object as measured.
+    pub tau: Vec<f64>,
+    /// Series that carry the position sensor's noise and nothing else, in the unit of `q` (for a tracker: the residuals
+    /// across the motion). Empty when there are none.
+    pub noise_of_q: Vec<Vec<f64>>,
+}
+
+impl JointSamples {
+    /// Sample rate, Hz.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        1.0 / self.period
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.q.len()
+    }
+
+    /// Whether there are no samples.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.q.is_empty()
+    }
+
+    /// Smallest and largest coordinate.
+    #[must_use]
+    pub fn q_range(&self) -> (f64, f64) {
+        extrema(&self.q)
+    }
+
+    /// The same motion with the effort read `lag_s` later, for a sensor that reports late by that much.
+    #[must_use]
+    pub fn with_effort_earlier(&self, lag_s: f64) -> Self {
+        let steps = lag_s / self.period;
+        let mut tau = self.tau.clone();
+        for run in &self.runs {
+            let Some(last) = run.len().checked_sub(1) else { continue };
+            for i in 0..run.len() {
+                let at = (i as f64 + steps).clamp(0.0, last as f64);
+                let low = (at.floor() as usize).min(last.saturating_sub(1));
+                let part = at - low as f64;
+                let high = (low + 1).min(last);
+                tau[run.start + i] = self.tau[run.start + low] * (1.0 - part) + self.tau[run.start + high] * part;
+            }
+        }
+        Self { tau, ..self.clone() }
+    }
+
+    /// The same joint with the coordinate and the effort reversed.
+    #[must_use]
+    pub fn reversed(mut self) -> Self {
+        for value in self.q.iter_mut().chain(&mut self.tau) {
+            *value = -*value;
+        }
+        self
+    }
+}
+
+/// Smallest and largest value; (0, 0) when empty.
+pub(crate) fn extrema(series: &[f64]) -> (f64, f64) {
+    let fold = series.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    if series.is_empty() { (0.0, 0.0) } else { fold }
+}
+
+/// The value below which `fraction` of the series lies; 0 when empty.
+pub(crate) fn quantile(series: &[f64], fraction: f64) -> f64 {
+    if series.is_empty() {
+        return 0.0;
+    }
+    let mut sorted = series.to_vec();
+    let index = ((sorted.len() - 1) as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
+    *sorted.select_nth_unstable_by(index, f64::total_cmp).1
+}
+
+/// The sign that makes the first sustained displacement positive: -1 when the coordinate first goes down by a fifth of
+/// its range, else 1.
+#[must_use]
+pub fn opening_sign(q: &[f64]) -> f64 {
+    let (low, high) = extrema(q);
+    let start = q.first().copied().unwrap_or(0.0);
+    let far = q.iter().find(|v| (*v - start).abs() > 0.2 * (high - low));
+    if far.is_some_and(|v| *v < start) { -1.0 } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> JointSamples {
+        let time: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).collect();
+        JointSamples {
+            kind: JointKind::Prismatic,
+            period: 0.01,
+            runs: vec![0..40, 40..100],
+            q: time.clone(),
+            tau: time.iter().map(|t| 3.0 * t).collect(),
+            noise_of_q: Vec::new(),
+            time,
+        }
+    }
+
+    #[test]
+    fn a_late_effort_is_brought_forward_within_its_run() {
+        let moved = ramp().with_effort_earlier(0.025);
+        assert!((moved.tau[10] - 3.0 * 0.125).abs() < 1e-12);
+        assert!((moved.tau[39] - 3.0 * 0.39).abs() < 1e-12, "a run's last sample stays");
+    }
+
+    #[test]
+    fn the_first_sustained_displacement_opens() {
+        assert_eq!(opening_sign(&[0.0, -0.01, 0.3, 1.0, -0.1]), 1.0);
+        assert_eq!(opening_sign(&[0.0, 0.01, -0.3, -1.0, 0.1]), -1.0);
+    }
+}
