@@ -3,6 +3,7 @@
 use ft_wire::{DecodeError, HostTime};
 
 use crate::link::RxStamps;
+use crate::reading::Counts;
 
 /// A device's protocol without I/O: frames and instants go in, frames and readings come out.
 pub trait Device {
@@ -29,4 +30,10 @@ pub trait Device {
 
     /// The next reading, until `None`.
     fn poll_reading(&mut self) -> Option<Self::Reading>;
+}
+
+/// Keeps count of what was delivered and what was not.
+pub trait Counted {
+    /// What was counted since the driver was made. A restart of the device does not reset it.
+    fn counts(&self) -> Counts;
 }

@@ -1,10 +1,21 @@
 //! Device state machines without I/O, and the links that carry their frames.
+#![warn(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+#![cfg_attr(test, allow(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 
+pub mod bota_serial;
 pub mod clock;
 pub mod device;
+pub mod discover;
+mod framer;
 pub mod link;
+pub mod options;
+mod outbox;
 pub mod reading;
+mod sequence;
+pub mod pump;
+pub mod translate;
 
 pub use clock::{Clock, MonotonicClock, SteppedClock};
-pub use device::Device;
+pub use device::{Counted, Device};
 pub use link::{Link, LinkError, RxStamps};
+pub use options::{Sign, Startup};

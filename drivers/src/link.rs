@@ -1,5 +1,7 @@
 //! The contract of a link: it carries frames and says when they came.
 
+pub mod record;
+
 use ft_wire::HostTime;
 
 /// When a frame came.

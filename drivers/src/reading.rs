@@ -14,7 +14,12 @@ pub enum Reading {
     /// A tracker's pose.
     Pose(PoseReading),
     /// The device's state changed.
-    Event(DeviceEvent),
+    Event {
+        /// When.
+        at: HostTime,
+        /// How.
+        event: DeviceEvent,
+    },
 }
 
 /// When a sample was taken, as far as the device and the host can say.
@@ -122,4 +127,17 @@ pub struct Counts {
     pub duplicated: u64,
     /// Bytes or frames that belong to no known frame, skipped while searching.
     pub skipped: u64,
+}
+
+impl std::ops::Add for Counts {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            received: self.received + other.received,
+            gaps: self.gaps + other.gaps,
+            refused: self.refused + other.refused,
+            duplicated: self.duplicated + other.duplicated,
+            skipped: self.skipped + other.skipped,
+        }
+    }
 }

@@ -1,0 +1,135 @@
+use std::collections::BTreeSet;
+use std::os::unix::fs::symlink;
+
+use super::*;
+
+const RULES: &str = include_str!("../../../udev/70-ft-capture.rules");
+
+/// `idVendor`:`idProduct` pairs of the rule lines that `wanted` picks.
+fn identities_in_rules(wanted: impl Fn(&str) -> bool) -> BTreeSet<(u16, u16)> {
+    let hex = |line: &str, key: &str| {
+        let (_, rest) = line.split_once(&format!("ATTRS{{{key}}}==\""))?;
+        u16::from_str_radix(rest.split('"').next()?, 16).ok()
+    };
+    RULES
+        .lines()
+        .filter(|line| !line.starts_with('#') && wanted(line))
+        .filter_map(|line| Some((hex(line, "idVendor")?, hex(line, "idProduct")?)))
+        .collect()
+}
+
+fn identities(wanted: impl Fn(&UsbIdentity) -> bool) -> BTreeSet<(u16, u16)> {
+    IDENTITIES.iter().filter(|identity| wanted(identity)).map(|found| (found.vendor, found.product)).collect()
+}
+
+#[test]
+fn rules_give_access_to_exactly_the_serial_identities() {
+    let allowed = identities_in_rules(|line| line.contains("SUBSYSTEM==\"tty\""));
+    assert_eq!(allowed, identities(|identity| identity.attachment == Attachment::Serial));
+}
+
+#[test]
+fn rules_mention_no_identity_that_is_not_known_here() {
+    let all = identities_in_rules(|_| true);
+    assert!(all.is_subset(&identities(|_| true)), "{all:x?}");
+}
+
+#[test]
+fn rules_set_the_latency_timer_where_there_is_one() {
+    let drivers: BTreeSet<_> = RULES
+        .lines()
+        .filter(|line| !line.starts_with('#') && line.contains("ATTR{latency_timer}=\"1\""))
+        .filter_map(|line| line.split_once("DRIVER==\"")?.1.split('"').next())
+        .collect();
+    let settable = IDENTITIES.iter().filter(|identity| identity.latency_timer == LatencyTimer::Settable);
+    assert_eq!(drivers, settable.map(|identity| identity.driver).collect());
+}
+
+#[test]
+fn no_identity_is_there_twice() {
+    assert_eq!(identities(|_| true).len(), IDENTITIES.len());
+    assert_eq!(identity(0x0403, 0x6014).map(|found| found.driver), Some("ftdi_sio"));
+    assert_eq!(identity(0x0403, 0xFFFF), None);
+}
+
+/// A directory tree that goes away with the test.
+struct Tree(PathBuf);
+
+impl Tree {
+    fn new(name: &str) -> Self {
+        let root = std::env::temp_dir().join(format!("ft-discover-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&root);
+        fs::create_dir_all(&root).unwrap();
+        Self(fs::canonicalize(root).unwrap())
+    }
+
+    fn file(&self, path: &str, content: &str) -> PathBuf {
+        let path = self.0.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, format!("{content}\n")).unwrap();
+        path
+    }
+
+    fn link(&self, link: &str, target: &str) {
+        let link = self.0.join(link);
+        fs::create_dir_all(link.parent().unwrap()).unwrap();
+        symlink(self.0.join(target), link).unwrap();
+    }
+}
+
+impl Drop for Tree {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn a_usb_port_is_found_with_all_that_sysfs_says() {
+    let tree = Tree::new("serial");
+    tree.file("sys/devices/usb1/1-2/idVendor", "0403");
+    tree.file("sys/devices/usb1/1-2/idProduct", "6014");
+    tree.file("sys/devices/usb1/1-2/manufacturer", "FTDI");
+    tree.file("sys/devices/usb1/1-2/product", "USB-Serial");
+    tree.file("sys/devices/usb1/1-2/serial", "FT1234");
+    tree.file("sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/latency_timer", "16");
+    tree.link("sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/driver", "sys/bus/usb-serial/drivers/ftdi_sio");
+    tree.file("sys/bus/usb-serial/drivers/ftdi_sio/x", "");
+    tree.link("sys/bus/usb-serial/devices/ttyUSB0", "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0");
+    tree.link("sys/class/tty/ttyUSB0/device", "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0");
+    tree.file("sys/devices/platform/serial8250/x", "");
+    tree.link("sys/class/tty/ttyS0/device", "sys/devices/platform/serial8250");
+    tree.file("dev/ttyUSB0", "");
+    tree.link("dev/serial/by-id/usb-FTDI_FT1234", "dev/ttyUSB0");
+
+    let ports = serial_ports_in(&tree.0.join("sys"), &tree.0.join("dev"));
+    let [port] = ports.as_slice() else { panic!("{ports:?}") };
+    assert_eq!(port.path, tree.0.join("dev/ttyUSB0"));
+    assert_eq!(port.by_id, Some(tree.0.join("dev/serial/by-id/usb-FTDI_FT1234")));
+    assert_eq!((port.vendor, port.product), (0x0403, 0x6014));
+    assert_eq!((port.manufacturer.as_str(), port.serial_number.as_str()), ("FTDI", "FT1234"));
+    assert_eq!((port.driver.as_str(), port.latency_timer_ms), ("ftdi_sio", Some(16)));
+    let shown = port.to_string();
+    assert!(shown.contains("0403:6014") && shown.contains("latency timer 16 ms"), "{shown}");
+}
+
+#[test]
+fn can_interfaces_are_told_by_their_type() {
+    let tree = Tree::new("can");
+    tree.file("sys/class/net/can0/type", "280");
+    tree.file("sys/class/net/can0/flags", "0x40080");
+    tree.file("sys/class/net/vcan0/type", "280");
+    tree.file("sys/class/net/vcan0/flags", "0x400c1");
+    tree.file("sys/class/net/eth0/type", "1");
+    let found = can_interfaces_in(&tree.0.join("sys"));
+    let names: Vec<_> = found.iter().map(|interface| (interface.name.as_str(), interface.up)).collect();
+    assert_eq!(names, [("can0", false), ("vcan0", true)]);
+    assert!(found[0].to_string().contains("ip link set can0 up"), "{}", found[0]);
+}
+
+#[test]
+fn a_machine_without_any_of_it_has_none() {
+    let tree = Tree::new("none");
+    assert_eq!(serial_ports_in(&tree.0, &tree.0), []);
+    assert_eq!(can_interfaces_in(&tree.0), []);
+    assert_eq!(latency_timer_ms(Path::new("/dev/null")), None);
+}

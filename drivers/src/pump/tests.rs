@@ -1,0 +1,118 @@
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use ft_wire::DecodeError;
+
+use super::*;
+use crate::clock::SteppedClock;
+use crate::reading::DeviceEvent;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Wants to send one frame at every timeout, every 10 ms.
+struct Ticker {
+    next: HostTime,
+    waiting: Option<u8>,
+    events: VecDeque<Reading>,
+}
+
+impl Device for Ticker {
+    type Frame = u8;
+    type Reading = Reading;
+
+    fn handle_frame(&mut self, frame: &u8, stamps: RxStamps) -> Result<(), DecodeError> {
+        let event = DeviceEvent::Warning { text: frame.to_string() };
+        self.events.push_back(Reading::Event { at: stamps.arrival, event });
+        Err(DecodeError::Length { expected: 1, got: 2 })
+    }
+    fn handle_timeout(&mut self, now: HostTime) {
+        self.next = now + 10 * MS;
+        self.waiting = Some(1);
+    }
+    fn poll_timeout(&self) -> Option<HostTime> {
+        Some(self.next)
+    }
+    fn poll_transmit(&mut self, _now: HostTime) -> Option<u8> {
+        self.waiting.take()
+    }
+    fn poll_reading(&mut self) -> Option<Reading> {
+        self.events.pop_front()
+    }
+}
+
+/// Delivers a frame every millisecond, and moves the clock on as a wait would.
+struct BusyLink {
+    clock: SteppedClock,
+    asked_until: Vec<HostTime>,
+    sent_at: Vec<HostTime>,
+    silent: bool,
+}
+
+impl Link for BusyLink {
+    type Frame = u8;
+
+    fn recv(&mut self, deadline: HostTime) -> Result<Option<(u8, RxStamps)>, LinkError> {
+        self.asked_until.push(deadline);
+        if self.silent {
+            self.clock.advance_to(deadline);
+            return Ok(None);
+        }
+        let arrival = self.clock.now() + MS;
+        self.clock.advance_to(arrival);
+        Ok(Some((7, RxStamps { arrival })))
+    }
+    fn send(&mut self, _frame: &u8) -> Result<(), LinkError> {
+        self.sent_at.push(self.clock.now());
+        Ok(())
+    }
+}
+
+#[derive(Default)]
+struct Log(Vec<&'static str>);
+
+impl Outlet<u8> for Log {
+    fn frame(&mut self, _frame: &u8, _stamps: RxStamps) {
+        self.0.push("frame");
+    }
+    fn reading(&mut self, _reading: Reading) {
+        self.0.push("reading");
+    }
+}
+
+fn pump(silent: bool) -> (Pump<Ticker, BusyLink>, SteppedClock) {
+    let clock = SteppedClock::new(HostTime::from_nanos(1_000_000_000));
+    let device = Ticker { next: HostTime::EPOCH, waiting: None, events: VecDeque::new() };
+    let link = BusyLink { clock: clock.clone(), asked_until: Vec::new(), sent_at: Vec::new(), silent };
+    (Pump::new(device, link), clock)
+}
+
+#[test]
+fn a_busy_bus_does_not_starve_the_timers() {
+    let (mut pump, clock) = pump(false);
+    let mut log = Log::default();
+    for _ in 0..100 {
+        pump.turn(&clock, clock.now() + 100 * MS, &mut log).unwrap();
+    }
+    // 100 ms went by with a frame in each: the timer at 10 ms fired 11 times with the first.
+    assert_eq!(pump.link().sent_at.len(), 11);
+}
+
+#[test]
+fn a_frame_comes_out_before_its_readings_even_when_it_is_malformed() {
+    let (mut pump, clock) = pump(false);
+    let mut log = Log::default();
+    assert_eq!(pump.turn(&clock, clock.now() + MS, &mut log).unwrap(), Turn::Frame);
+    assert_eq!(log.0, ["frame", "reading"]);
+}
+
+#[test]
+fn a_wait_ends_at_the_earlier_of_deadline_and_timeout() {
+    let (mut pump, clock) = pump(true);
+    let start = clock.now();
+    let mut log = Log::default();
+    assert_eq!(pump.turn(&clock, start + 4 * MS, &mut log).unwrap(), Turn::Idle);
+    assert_eq!(pump.turn(&clock, start + 100 * MS, &mut log).unwrap(), Turn::Idle);
+    assert_eq!(pump.link().asked_until, [start + 4 * MS, start + 10 * MS]);
+    // The timeout was served in the same turn.
+    assert_eq!(pump.link().sent_at, [start, start + 10 * MS]);
+}

@@ -1,0 +1,217 @@
+//! Gaps, duplicates and restarts, seen by the device's own clock.
+
+use ft_wire::HostTime;
+
+/// Intervals from which the nominal period is learned.
+const LEARNED_FROM: usize = 16;
+/// Samples remembered to tell a duplicate from a late one.
+const REMEMBERED: usize = 16;
+/// A device clock that jumps by more than this against the host's was restarted, ns.
+const RESTART_NS: i64 = 1_000_000_000;
+
+/// How a sample's stamp stands to the ones before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Seen {
+    /// Later than all before.
+    New,
+    /// Older than the newest, but not seen yet.
+    Late,
+    /// Seen already.
+    Duplicate,
+    /// The device's clock began anew.
+    Restarted {
+        /// Newest stamp before, ns.
+        was_ns: i64,
+    },
+}
+
+/// Follows the stamps of one stream.
+///
+/// The nominal period is the median of the first 16 intervals and then follows slowly; an interval of n periods
+/// shows n - 1 missing samples (a refused frame is such a sample too). The first 16 intervals are judged when the
+/// period is known. Losing more than every second sample from the start is mistaken for a slower stream.
+#[derive(Debug)]
+pub(crate) struct Sequence {
+    last: Option<i64>,
+    recent: [i64; REMEMBERED],
+    recent_len: usize,
+    recent_at: usize,
+    /// Smallest host minus device, ns: how early a stamp can at most be.
+    earliest_offset: i64,
+    intervals: [i64; LEARNED_FROM],
+    intervals_len: usize,
+    period_ns: Option<f64>,
+    gaps: u64,
+}
+
+impl Sequence {
+    pub(crate) const fn new() -> Self {
+        Self {
+            last: None,
+            recent: [0; REMEMBERED],
+            recent_len: 0,
+            recent_at: 0,
+            earliest_offset: i64::MAX,
+            intervals: [0; LEARNED_FROM],
+            intervals_len: 0,
+            period_ns: None,
+            gaps: 0,
+        }
+    }
+
+    /// Samples missing so far.
+    pub(crate) const fn gaps(&self) -> u64 {
+        self.gaps
+    }
+
+    /// Forgets the stream, after a restart or a pause; the count stays.
+    pub(crate) fn forget(&mut self) {
+        *self = Self { gaps: self.gaps, ..Self::new() };
+    }
+
+    /// Takes the stamp of a sample.
+    pub(crate) fn observe(&mut self, device_ns: i64, arrival: HostTime) -> Seen {
+        let offset = arrival.as_nanos().saturating_sub(device_ns);
+        let Some(last) = self.last else {
+            self.earliest_offset = offset;
+            self.accept(device_ns);
+            return Seen::New;
+        };
+        let step = device_ns.saturating_sub(last);
+        if step < -RESTART_NS || offset < self.earliest_offset.saturating_sub(RESTART_NS) {
+            self.forget();
+            self.earliest_offset = offset;
+            self.accept(device_ns);
+            return Seen::Restarted { was_ns: last };
+        }
+        self.earliest_offset = self.earliest_offset.min(offset);
+        if step <= 0 {
+            return self.older(device_ns);
+        }
+        self.count_gaps(step);
+        self.accept(device_ns);
+        Seen::New
+    }
+
+    fn older(&mut self, device_ns: i64) -> Seen {
+        if self.recent.iter().take(self.recent_len).any(|seen| *seen == device_ns) {
+            return Seen::Duplicate;
+        }
+        self.remember(device_ns);
+        // It was counted as missing when the later one came.
+        self.gaps = self.gaps.saturating_sub(u64::from(self.period_ns.is_some()));
+        Seen::Late
+    }
+
+    fn accept(&mut self, device_ns: i64) {
+        self.last = Some(device_ns);
+        self.remember(device_ns);
+    }
+
+    fn remember(&mut self, device_ns: i64) {
+        if let Some(slot) = self.recent.get_mut(self.recent_at) {
+            *slot = device_ns;
+        }
+        self.recent_at = (self.recent_at + 1) % REMEMBERED;
+        self.recent_len = (self.recent_len + 1).min(REMEMBERED);
+    }
+
+    fn count_gaps(&mut self, step: i64) {
+        if let Some(period) = self.period_ns {
+            self.gaps += missing(step, period);
+            let deviation = step as f64 - period;
+            if deviation.abs() < 0.3 * period {
+                self.period_ns = Some(period + deviation / 64.0);
+            }
+            return;
+        }
+        if let Some(slot) = self.intervals.get_mut(self.intervals_len) {
+            *slot = step;
+        }
+        self.intervals_len += 1;
+        if self.intervals_len == LEARNED_FROM {
+            let mut sorted = self.intervals;
+            sorted.sort_unstable();
+            let median = sorted.get(LEARNED_FROM / 2).map_or(1.0, |step| *step as f64);
+            self.period_ns = Some(median);
+            self.gaps += self.intervals.iter().map(|step| missing(*step, median)).sum::<u64>();
+        }
+    }
+}
+
+/// Samples missing in an interval of `step` ns.
+fn missing(step: i64, period: f64) -> u64 {
+    let periods = (step as f64 / period).round();
+    // A float to integer `as` saturates.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let periods = periods as u64;
+    periods.saturating_sub(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    /// Feeds stamps in ms, each arriving 1 ms late.
+    fn feed(sequence: &mut Sequence, stamps: impl IntoIterator<Item = i64>) -> Vec<Seen> {
+        let see = |ms: i64| sequence.observe(ms * MS, HostTime::from_nanos((ms + 1) * MS));
+        stamps.into_iter().map(see).collect()
+    }
+
+    #[test]
+    fn missing_samples_are_counted_also_while_the_period_is_learned() {
+        let mut sequence = Sequence::new();
+        let kept = (0..100).filter(|ms| ![3, 4, 9, 50, 70, 71, 72].contains(ms));
+        feed(&mut sequence, kept);
+        assert_eq!(sequence.gaps(), 7);
+    }
+
+    #[test]
+    fn a_duplicate_is_told_from_a_late_sample() {
+        let mut sequence = Sequence::new();
+        feed(&mut sequence, (0..30).chain([31]));
+        assert_eq!(sequence.gaps(), 1);
+        assert_eq!(feed(&mut sequence, [30, 30, 31]), [Seen::Late, Seen::Duplicate, Seen::Duplicate]);
+        assert_eq!(sequence.gaps(), 0);
+    }
+
+    #[test]
+    fn a_clock_that_begins_anew_is_a_restart_and_no_gap() {
+        let mut sequence = Sequence::new();
+        feed(&mut sequence, 5_000..5_100);
+        let restarted = sequence.observe(10 * MS, HostTime::from_nanos(5_200 * MS));
+        assert_eq!(restarted, Seen::Restarted { was_ns: 5_099 * MS });
+        assert_eq!(sequence.observe(11 * MS, HostTime::from_nanos(5_201 * MS)), Seen::New);
+        assert_eq!(sequence.gaps(), 0);
+    }
+
+    #[test]
+    fn a_jump_forward_is_a_restart_too() {
+        let mut sequence = Sequence::new();
+        feed(&mut sequence, 0..50);
+        let jumped = sequence.observe(90_000 * MS, HostTime::from_nanos(51 * MS));
+        assert_eq!(jumped, Seen::Restarted { was_ns: 49 * MS });
+    }
+
+    #[test]
+    fn a_host_that_stalls_and_loses_samples_is_no_restart() {
+        let mut sequence = Sequence::new();
+        feed(&mut sequence, 0..50);
+        let late = HostTime::from_nanos(6_000 * MS);
+        assert_eq!(sequence.observe(50 * MS, late), Seen::New);
+        assert_eq!(sequence.observe(5_990 * MS, late), Seen::New);
+        assert_eq!(sequence.gaps(), 5_939);
+    }
+
+    #[test]
+    fn jitter_of_the_device_is_no_gap() {
+        let mut sequence = Sequence::new();
+        for sample in 0..1_000_i64 {
+            let device_ns = sample * MS + (sample * 7_919 % 200_000);
+            sequence.observe(device_ns, HostTime::from_nanos(device_ns + MS));
+        }
+        assert_eq!(sequence.gaps(), 0);
+    }
+}

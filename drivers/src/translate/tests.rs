@@ -1,0 +1,232 @@
+use proptest::prelude::*;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+const MS: i64 = 1_000_000;
+const SECOND: i64 = 1_000 * MS;
+/// Host clock when the simulated device clock is 0.
+const BOOT: i64 = 1_700_000_000 * SECOND;
+
+fn host(ns: i64) -> HostTime {
+    HostTime::from_nanos(ns)
+}
+
+/// True host instant of a device instant, for a device whose clock runs `ppm` slow.
+fn truth(device_ns: i64, ppm: f64) -> i64 {
+    BOOT + device_ns + (device_ns as f64 * ppm * 1e-6).round() as i64
+}
+
+/// Errors `at - truth` in us of a 1 kHz stream of `seconds`, from second 10 on, and the spreads beside them.
+fn errors_us(ppm: f64, seconds: i64, mut arrival: impl FnMut(i64) -> i64) -> Vec<(f64, f64)> {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    let mut errors = Vec::new();
+    for sample in 0..seconds * 1_000 {
+        let device_ns = sample * MS;
+        let true_ns = truth(device_ns, ppm);
+        let translated = translator.observe(device_ns, host(arrival(true_ns)));
+        if device_ns >= 10 * SECOND {
+            let error = (translated.at.as_nanos() - true_ns) as f64 * 1e-3;
+            errors.push((error, translated.spread.as_secs_f64() * 1e6));
+        }
+    }
+    errors
+}
+
+fn worst(errors: &[(f64, f64)]) -> f64 {
+    errors.iter().map(|(error, _)| error.abs()).fold(0.0, f64::max)
+}
+
+/// Share of the errors that lie within two spreads.
+fn covered(errors: &[(f64, f64)]) -> f64 {
+    let within = errors.iter().filter(|(error, spread)| error.abs() <= 2.0 * spread).count();
+    within as f64 / errors.len() as f64
+}
+
+fn exponential(random: &mut ChaCha8Rng, mean_ns: f64) -> i64 {
+    let uniform: f64 = random.random_range(f64::EPSILON..1.0);
+    (-uniform.ln() * mean_ns) as i64
+}
+
+#[test]
+fn exponential_jitter_of_200_us_leaves_an_error_of_a_few_us() {
+    for ppm in [-200.0, 0.0, 200.0] {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut last = 0;
+        let errors = errors_us(ppm, 180, |true_ns| {
+            last = last.max(true_ns + exponential(&mut random, 200e3));
+            last
+        });
+        println!("jitter 200 us, skew {ppm} ppm: worst {:.1} us", worst(&errors));
+        assert!(worst(&errors) < 20.0, "{ppm} ppm: {}", worst(&errors));
+        assert!(covered(&errors) > 0.95, "{ppm} ppm: {}", covered(&errors));
+    }
+}
+
+#[test]
+fn bursts_of_16_ms_leave_an_error_below_the_sample_period() {
+    for ppm in [-200.0, 0.0, 200.0] {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let mut last = 0;
+        // The adapter hands over what it has every 16 ms of its own time, USB and scheduler add up to 0.3 ms.
+        let errors = errors_us(ppm, 180, |true_ns| {
+            let burst = (true_ns + 16 * MS - 1).div_euclid(16 * MS) * 16 * MS;
+            last = last.max(burst + random.random_range(0..300_000));
+            last
+        });
+        println!("16 ms bursts, skew {ppm} ppm: worst {:.1} us", worst(&errors));
+        // Plain arrival stamps are wrong by up to 16 300 us.
+        assert!(worst(&errors) < 1_000.0, "{ppm} ppm: {}", worst(&errors));
+    }
+}
+
+#[test]
+fn the_first_seconds_are_no_worse_than_the_skew_bound_allows() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut translator = OneWay::new(OneWayConfig::default());
+    for sample in 0..10_000 {
+        let (device_ns, true_ns) = (sample * MS, truth(sample * MS, 200.0));
+        let arrival = true_ns + exponential(&mut random, 200e3);
+        let error = translator.observe(device_ns, host(arrival)).at.as_nanos() - true_ns;
+        if sample > 100 {
+            assert!((-600_000..200_000).contains(&error), "sample {sample}: {error} ns");
+        }
+    }
+}
+
+#[test]
+fn status_tells_offset_skew_and_count() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    assert_eq!(translator.status(), None);
+    for sample in 0..20_000 {
+        translator.observe(sample * MS, host(truth(sample * MS, 120.0)));
+    }
+    let status = translator.status().unwrap();
+    assert!((status.skew_ppm - 120.0).abs() < 0.1, "{status:?}");
+    assert!((status.offset_ns - (truth(19_999 * MS, 120.0) - 19_999 * MS)).abs() < 1_000, "{status:?}");
+    assert_eq!(status.observations, 20_000);
+    assert!(status.spread_ns < 100_000);
+}
+
+#[test]
+fn skew_is_bounded_and_a_bad_edge_still_gives_a_causal_answer() {
+    let mut translator = OneWay::new(OneWayConfig { max_skew_ppm: 100.0, ..OneWayConfig::default() });
+    for sample in 0..10_000 {
+        let arrival = host(truth(sample * MS, 5_000.0));
+        assert!(translator.observe(sample * MS, arrival).at <= arrival);
+    }
+    assert!((translator.status().unwrap().skew_ppm - 100.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_link_delay_is_subtracted() {
+    let delay = Duration::from_micros(500);
+    let mut translator = OneWay::new(OneWayConfig { link_delay: delay, ..OneWayConfig::default() });
+    assert_eq!(translator.observe(0, host(BOOT)).at, host(BOOT - 500_000));
+    assert_eq!(translator.status().map(|status| status.offset_ns), Some(BOOT - 500_000));
+}
+
+#[test]
+fn spread_shrinks_as_observations_come() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    let first = translator.observe(0, host(BOOT)).spread;
+    let mut last = first;
+    for sample in 1..30_000 {
+        last = translator.observe(sample * MS, host(truth(sample * MS, 10.0) + sample % 7 * 1_000)).spread;
+    }
+    assert!(first >= Duration::from_millis(1) && last < Duration::from_micros(20), "{first:?} {last:?}");
+}
+
+#[test]
+fn a_repeated_or_late_stamp_changes_nothing() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    for sample in 0..1_000 {
+        translator.observe(sample * MS, host(BOOT + sample * MS));
+    }
+    let before = translator.status();
+    let newest = translator.observe(999 * MS, host(BOOT + 1_000 * MS));
+    assert_eq!(newest.at, host(BOOT + 999 * MS));
+    assert_eq!(translator.observe(500 * MS, host(BOOT + 1_001 * MS)).at, host(BOOT + 500 * MS));
+    assert_eq!(translator.status(), before);
+}
+
+#[test]
+fn a_device_clock_that_begins_anew_is_followed_at_once() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    for sample in 0..5_000 {
+        translator.observe(sample * MS, host(BOOT + sample * MS));
+    }
+    let back = translator.observe(10 * MS, host(BOOT + 6_000 * MS));
+    assert_eq!(back.at, host(BOOT + 6_000 * MS));
+    assert_eq!(translator.status().map(|status| status.observations), Some(1));
+    let ahead = translator.observe(90_000 * MS, host(BOOT + 6_001 * MS));
+    assert_eq!(ahead.at, host(BOOT + 6_001 * MS));
+    assert_eq!(translator.status().map(|status| status.observations), Some(1));
+}
+
+#[test]
+fn a_stalled_link_is_no_restart_but_a_clock_that_stood_still_is() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    for sample in 0..5_000 {
+        translator.observe(sample * MS, host(BOOT + sample * MS));
+    }
+    // 3 s of samples arrive at once: their instants are still right.
+    for sample in 5_000..8_000 {
+        let at = translator.observe(sample * MS, host(BOOT + 8_000 * MS)).at;
+        assert_eq!(at, host(BOOT + sample * MS));
+    }
+    // The device slept 20 s, clock and all.
+    for sample in 8_000..10_000 {
+        translator.observe(sample * MS, host(BOOT + (20_000 + sample) * MS));
+    }
+    let at = translator.observe(10_000 * MS, host(BOOT + 30_000 * MS)).at;
+    assert_eq!(at, host(BOOT + 30_000 * MS));
+}
+
+#[test]
+fn a_skew_that_changes_is_followed_within_two_windows() {
+    let config = OneWayConfig { window: Duration::from_secs(10), ..OneWayConfig::default() };
+    let mut translator = OneWay::new(config);
+    let mut true_ns = BOOT;
+    let mut error = 0;
+    for sample in 0..60_000_i64 {
+        let ppm = if sample < 30_000 { 100.0 } else { -100.0 };
+        true_ns += MS + (ppm * 1.0) as i64;
+        error = translator.observe(sample * MS, host(true_ns + sample % 11 * 10_000)).at.as_nanos() - true_ns;
+    }
+    assert!(error.abs() < 5_000, "{error} ns");
+    assert!((translator.status().unwrap().skew_ppm + 100.0).abs() < 1.0);
+}
+
+proptest! {
+    /// Any device clock, any delays: never later than the arrival, never going back.
+    #[test]
+    fn no_answer_is_later_than_its_arrival_or_earlier_than_the_one_before(
+        steps in proptest::collection::vec((1_i64..50 * MS, 0_i64..60 * MS), 1..600),
+    ) {
+        let mut translator = OneWay::new(OneWayConfig { window: Duration::from_secs(2), ..OneWayConfig::default() });
+        let (mut device_ns, mut arrival, mut last) = (0, BOOT, host(0));
+        for (device_step, host_step) in steps {
+            device_ns += device_step;
+            arrival += host_step;
+            let before = translator.status().map_or(0, |status| status.observations);
+            let translated = translator.observe(device_ns, host(arrival));
+            prop_assert!(translated.at <= host(arrival));
+            let reset = translator.status().is_some_and(|status| status.observations <= before);
+            prop_assert!(reset || translated.at >= last, "{} < {}", translated.at, last);
+            last = translated.at;
+        }
+    }
+
+    /// Stamps in any order, also backwards and far apart: an answer, no panic, never later than the arrival.
+    #[test]
+    fn stamps_in_any_order_are_answered_causally(
+        stamps in proptest::collection::vec((any::<i64>(), any::<i64>()), 1..200),
+    ) {
+        let mut translator = OneWay::new(OneWayConfig::default());
+        for (device_ns, arrival) in stamps {
+            prop_assert!(translator.observe(device_ns, host(arrival)).at <= host(arrival));
+        }
+    }
+}
