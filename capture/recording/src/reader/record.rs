@@ -47,7 +47,14 @@ pub enum Record<'a> {
         data_section_crc: u32,
     },
     /// The file's last record.
-    Footer,
+    Footer {
+        /// Where the summary begins, 0 when there is none.
+        summary_start: u64,
+        /// Where the summary's table of contents begins, 0 when there is none.
+        summary_offset_start: u64,
+        /// CRC-32 of the summary, 0 when absent. It is not checked.
+        summary_crc: u32,
+    },
     /// An index, a statistic, a private record or one of a later version.
     Other {
         /// What it is.
@@ -137,10 +144,11 @@ impl<'a> Record<'a> {
         let mut fields = Fields { rest: body };
         Some(match opcode {
             HEADER => Self::Header { profile: fields.string()?, library: fields.string()? },
-            FOOTER => {
-                fields.take(20)?;
-                Self::Footer
-            }
+            FOOTER => Self::Footer {
+                summary_start: fields.u64()?,
+                summary_offset_start: fields.u64()?,
+                summary_crc: fields.u32()?,
+            },
             SCHEMA => Self::Schema(Schema {
                 id: fields.u16()?,
                 name: fields.string()?,
