@@ -38,7 +38,7 @@ impl Effect for RigidBody {
     }
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
-        let column = |name, unit: &str, series: &[f64]| {
+        let column = |name, unit: &str, series: &[f64]| -> Result<Column, MotionError> {
             let values = motion.regressor(series)?;
             Ok(Column { name, unit: unit.to_owned(), bound: Bound::NonNegative, values })
         };

@@ -1,15 +1,13 @@
 //! The time by which the effort lags behind the motion, from the fit itself.
 //!
 //! A lag `L` leaves `L dtau/dt` in the residual. The effort is shifted over a range, a memoryless model (inertia,
-//! friction, a coarse load curve) is fitted at each shift, and the parabola through the smallest sums of squares gives
+//! friction, mechanism) is fitted at each shift, and the parabola through the smallest sums of squares gives
 //! the lag to a fraction of a sample. Grasp compliance looks the same; this does not tell them apart.
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::effect::{Effect, RigidBody};
 use crate::least_squares::effective_count;
 use crate::motion::{Motion, MotionError};
-use crate::spline::Basis;
 
 /// An estimated lag of the effort behind the motion.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -24,12 +22,12 @@ pub struct Lag {
 
 const RANGE_S: f64 = 0.06;
 
-/// Scans the lag over +-60 ms. `None` when the best lies at the end of the range or the motion cannot show it.
+/// Scans the lag over +-60 ms for the linear model `y` (kept samples, columns) with normal matrix `gram`, which may hold
+/// penalties. `None` when the best lies at the end of the range or the motion cannot show it.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
-pub fn estimate(motion: &Motion) -> Result<Option<Lag>, MotionError> {
-    let y = design(motion)?;
+pub fn scan(motion: &Motion, y: &DMatrix<f64>, mut gram: DMatrix<f64>) -> Result<Option<Lag>, MotionError> {
     let tau = motion.filtered(&motion.tau)?;
     let steps = (RANGE_S / motion.period).round().max(2.0) as isize;
     let inside: Vec<usize> = (0..motion.kept.len())
@@ -38,11 +36,10 @@ pub fn estimate(motion: &Motion) -> Result<Option<Lag>, MotionError> {
             motion.runs.iter().any(|run| i - steps >= run.start as isize && i + steps < run.end as isize)
         })
         .collect();
-    if inside.len() < 4 * y.ncols() {
+    if inside.len() < 60 {
         return Ok(None);
     }
     let y = y.select_rows(&inside);
-    let mut gram = y.transpose() * &y;
     for j in 0..gram.ncols() {
         gram[(j, j)] *= 1.0 + 1e-9;
         gram[(j, j)] += 1e-12;
@@ -68,22 +65,4 @@ pub fn estimate(motion: &Motion) -> Result<Option<Lag>, MotionError> {
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
     Ok((value_s.is_finite() && std_s.is_finite()).then_some(Lag { value_s, std_s, applied: false }))
-}
-
-/// Inertia, friction and a coarse load curve.
-fn design(motion: &Motion) -> Result<DMatrix<f64>, MotionError> {
-    let columns = RigidBody.columns(motion)?;
-    let (low, high) = crate::samples::extrema(&motion.q);
-    let basis = Basis::new(low, high, 6, 3);
-    let mut y = DMatrix::zeros(motion.kept.len(), columns.len() + basis.len());
-    for (j, column) in columns.iter().enumerate() {
-        y.column_mut(j).copy_from_slice(&column.values);
-    }
-    for (row, &i) in motion.kept.iter().enumerate() {
-        let (first, values) = basis.evaluate(motion.q[i]);
-        for (j, value) in values.iter().take(4).enumerate() {
-            y[(row, columns.len() + first + j)] = *value;
-        }
-    }
-    Ok(y)
 }

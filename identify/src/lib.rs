@@ -9,6 +9,7 @@
 //! position and effort run through the same code as recordings.
 #![forbid(unsafe_code)]
 
+pub mod dynamics;
 pub mod effect;
 pub mod filter;
 pub mod joint_graph;
@@ -16,6 +17,7 @@ pub mod lag;
 pub mod least_squares;
 pub mod mechanism;
 pub mod motion;
+pub mod noise;
 pub mod samples;
 pub mod screw;
 pub mod spline;

@@ -1,7 +1,7 @@
 //! The mechanism: `g(q) + c(q, |dq|) dq` with `c >= 0` for each direction, as penalized B-splines.
 //!
 //! `g` is cubic with a second-difference penalty and any sign. `c` has one surface for opening (dq > 0) and one for
-//! closing, cubic in q and piecewise linear in |dq|, with non-negative coefficients, so it is non-negative everywhere.
+//! closing, quadratic in q and linear in |dq|, with non-negative coefficients, so it is non-negative everywhere.
 //! A constant part of `c` is the same as viscous friction: the smallest coefficient is moved there
 //! ([`SplineMechanism::take_common_damping`]), so that the smallest `c` is zero. Outside the domain where it was probed the
 //! curves go on at their end values and mean nothing.
@@ -46,7 +46,7 @@ pub struct SplineMechanism {
 }
 
 const LOAD_PIECES: usize = 20;
-const DAMPING_PIECES: usize = 7;
+const DAMPING_PIECES: usize = 14;
 
 impl SplineMechanism {
     /// A mechanism of zero effort over the domain of a motion.
@@ -57,8 +57,8 @@ impl SplineMechanism {
         let speed: Vec<f64> = dq.iter().map(|v| v.abs()).collect();
         let (low, high) = extrema(&q);
         let load = Basis::new(low, high, LOAD_PIECES, 3);
-        let damping_q = Basis::new(low, high, DAMPING_PIECES, 3);
-        let damping_speed = Basis::new(0.0, quantile(&speed, 0.98).max(1e-9), 2, 1);
+        let damping_q = Basis::new(low, high, DAMPING_PIECES, 2);
+        let damping_speed = Basis::new(0.0, quantile(&speed, 0.98).max(1e-9), 1, 1);
         let zeros = vec![0.0; damping_q.len() * damping_speed.len()];
         let (slowest, fastest) = extrema(&dq);
         Self {
@@ -159,22 +159,29 @@ impl SplineMechanism {
         Ok(out)
     }
 
-    /// Penalties of roughness: of g, and of c together with a small pull to zero; each (coefficients, coefficients).
+    /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c small and even
+    /// over speed, so that viscous and Coulomb friction take what they can; each (coefficients, coefficients).
     #[must_use]
-    pub fn penalties(&self) -> [DMatrix<f64>; 2] {
+    pub fn penalties(&self) -> [DMatrix<f64>; 3] {
         let total = self.len();
         let mut load = DMatrix::zeros(total, total);
         load.view_mut((0, 0), (self.load.len(), self.load.len())).copy_from(&self.load.penalty(2));
         let (in_q, in_speed) = (self.damping_q.penalty(2), self.damping_speed.penalty(1));
         let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
         let one = |n: usize| DMatrix::<f64>::identity(n, n);
-        let block = in_q.kronecker(&one(nv)) + one(nq).kronecker(&in_speed) + one(nq * nv) * 0.02;
-        let mut damping = DMatrix::zeros(total, total);
-        for direction in 0..2 {
-            let at = self.load.len() + direction * nq * nv;
-            damping.view_mut((at, at), (nq * nv, nq * nv)).copy_from(&block);
-        }
-        [load, damping]
+        let twice = |block: DMatrix<f64>| {
+            let mut full = DMatrix::zeros(total, total);
+            for direction in 0..2 {
+                let at = self.load.len() + direction * nq * nv;
+                full.view_mut((at, at), (nq * nv, nq * nv)).copy_from(&block);
+            }
+            full
+        };
+        [
+            load,
+            twice(in_q.kronecker(&one(nv))),
+            twice(one(nq).kronecker(&in_speed) * 0.1 + one(nq * nv) * 0.003),
+        ]
     }
 
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {

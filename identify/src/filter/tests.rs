@@ -61,7 +61,7 @@ fn the_cut_off_passes_half_the_power() {
 fn a_settled_filter_keeps_a_straight_line_to_its_ends() {
     let line: Vec<f64> = (0..200).map(|i| 3.0 - 0.02 * f64::from(i)).collect();
     let got = LowPass::butterworth(4, 5.0, 200.0).unwrap().zero_phase_settled(&line).unwrap();
-    assert!((0..200).all(|i| (got[i] - line[i]).abs() < 1e-6));
+    assert!((0..200).all(|i| (got[i] - line[i]).abs() < 1e-3));
 }
 
 #[test]

@@ -1,0 +1,254 @@
+//! The effort model fitted to a prepared motion: `base` (the paper's I, mu, b) and `final` (those, further effects, and
+//! the mechanism, all at once).
+//!
+//! The joint fit is a penalized least squares with bounds; smoothing of the mechanism is chosen by the error on held-out
+//! strokes. Fitting everything at once keeps a mechanism that nothing else explains out of I, mu and b; fitting in turn,
+//! as the paper does, does not.
+
+mod design;
+mod structure;
+
+pub use structure::{Structure, structure};
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::effect::{Effect, RigidBody};
+use crate::lag::{self, Lag};
+use crate::least_squares::{FitError, bounded_least_squares, effective_count, rms};
+use crate::mechanism::SplineMechanism;
+use crate::motion::{Motion, MotionError, MotionSettings};
+use crate::samples::JointSamples;
+use design::Design;
+
+/// Why there is no effort model.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DynamicsError {
+    /// The motion cannot be used.
+    #[error(transparent)]
+    Motion(#[from] MotionError),
+    /// The fit failed.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+}
+
+/// One parameter.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Term {
+    /// Name, as in the project's vocabulary.
+    pub name: String,
+    /// Estimate in SI, or nothing when the data do not show it.
+    pub value: Option<f64>,
+    /// Standard deviation, with correlated residuals accounted for.
+    pub std: Option<f64>,
+    /// Unit.
+    pub unit: String,
+}
+
+/// A fitted effort model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffortModel {
+    /// Parameters in the order of the effects.
+    pub terms: Vec<Term>,
+    /// Estimates as fitted, also of those that `terms` leaves out.
+    pub theta: DVector<f64>,
+    /// Covariance of `theta`.
+    pub covariance: DMatrix<f64>,
+    /// Rank of the parametric part.
+    pub rank: usize,
+    /// Condition of the column-scaled parametric part.
+    pub condition: f64,
+    /// The mechanism, for the final model.
+    pub mechanism: Option<SplineMechanism>,
+    /// Predicted effort at the kept samples.
+    pub predicted: Vec<f64>,
+    /// Measured minus predicted.
+    pub residual: Vec<f64>,
+    /// Root mean square residual.
+    pub rms: f64,
+    /// Residual over effort, both as root mean squares.
+    pub relative_error: f64,
+    /// Root mean square error on strokes left out of the fit.
+    pub held_out_rms: f64,
+    /// Independent samples that the residual is worth.
+    pub effective_samples: f64,
+    /// What is not identified, and why and what to do.
+    pub not_identified: BTreeMap<String, String>,
+}
+
+impl EffortModel {
+    /// The estimate of a term, when it is identified.
+    #[must_use]
+    pub fn value(&self, name: &str) -> Option<f64> {
+        self.terms.iter().find(|term| term.name == name)?.value
+    }
+
+    /// The standard deviation of a term, when it is identified.
+    #[must_use]
+    pub fn std(&self, name: &str) -> Option<f64> {
+        self.terms.iter().find(|term| term.name == name)?.std
+    }
+}
+
+/// Fits the paper's model: non-negative I, mu, b and nothing else.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn fit_base(motion: &Motion) -> Result<EffortModel, DynamicsError> {
+    fit_parametric(motion, &[&RigidBody])
+}
+
+/// Fits the parameters of `effects` without a mechanism.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn fit_parametric(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
+    let design = Design::new(motion, effects, None)?;
+    let fit = bounded_least_squares(&design.y, &design.tau, &design.bounds, 1e-6)?;
+    let held_out_rms = design.held_out(motion, &[0.0, 0.0]);
+    Ok(design.model(fit.theta.as_slice(), fit.covariance, None, held_out_rms))
+}
+
+/// Fits the parameters of `effects` together with the mechanism.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn fit_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
+    let mut mechanism = SplineMechanism::over(motion);
+    let design = Design::new(motion, effects, Some(&mechanism))?;
+    let (smoothing, held_out_rms) = design.choose_smoothing(motion);
+    let (solution, covariance) = design.solve(&smoothing);
+    let params = design.params;
+    mechanism.set(&solution.as_slice()[params..]);
+    let mut theta = solution.rows(0, params).into_owned();
+    let common = mechanism.take_common_damping();
+    if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {
+        theta[viscous] += common;
+    }
+    let predicted = &design.y * &solution;
+    let mut model = design.model(theta.as_slice(), covariance, Some(predicted), held_out_rms);
+    model.mechanism = Some(mechanism);
+    Ok(model)
+}
+
+/// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
+/// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn align(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    effects: &[&dyn Effect],
+) -> Result<(JointSamples, Motion, Option<Lag>), DynamicsError> {
+    let unmoved = Motion::prepare(samples, settings)?;
+    let Some(mut lag) = lag_with_mechanism(&unmoved, effects)? else {
+        return Ok((samples.clone(), unmoved, None));
+    };
+    let mut moved = None;
+    for _ in 0..4 {
+        if lag.value_s.abs() < 1e-3_f64.max(3.0 * lag.std_s) {
+            break;
+        }
+        let shifted = samples.with_effort_earlier(lag.value_s);
+        let motion = Motion::prepare(&shifted, settings)?;
+        let Some(rest) = lag_with_mechanism(&motion, effects)? else { break };
+        moved = Some((shifted, motion));
+        lag = Lag { value_s: lag.value_s + rest.value_s, std_s: rest.std_s, applied: true };
+        if rest.value_s.abs() < 5e-4 {
+            break;
+        }
+    }
+    let (samples, motion) = moved.unwrap_or_else(|| (samples.clone(), unmoved));
+    Ok((samples, motion, Some(lag)))
+}
+
+fn lag_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<Option<Lag>, DynamicsError> {
+    let mechanism = SplineMechanism::over(motion);
+    let design = Design::new(motion, effects, Some(&mechanism))?;
+    let (smoothing, _) = design.choose_smoothing(motion);
+    let (solution, _) = design.solve(&smoothing);
+    let (y, h) = design.free_part(&solution, &smoothing);
+    Ok(lag::scan(motion, &y, h)?)
+}
+
+impl Design {
+    fn model(
+        &self,
+        theta: &[f64],
+        covariance: DMatrix<f64>,
+        predicted: Option<DVector<f64>>,
+        held_out_rms: f64,
+    ) -> EffortModel {
+        let theta = DVector::from_row_slice(theta);
+        let predicted = predicted.unwrap_or_else(|| &self.y * &theta);
+        let residual = &self.tau - &predicted;
+        let (rank, condition) = self.rank_and_condition();
+        let effort_rms = rms(self.tau.as_slice());
+        let mut terms = Vec::new();
+        let mut not_identified = BTreeMap::new();
+        for (j, name) in self.names.iter().enumerate() {
+            let std = covariance[(j, j)].max(0.0).sqrt();
+            let shown = Evidence { value: theta[j], std, regressor: rms(self.y.column(j).as_slice()), effort: effort_rms };
+            let reason = shown.missing(name, &self.units[j]);
+            let known = reason.is_none();
+            terms.push(Term {
+                name: (*name).to_owned(),
+                value: known.then_some(theta[j]),
+                std: known.then_some(std),
+                unit: self.units[j].clone(),
+            });
+            if let Some(reason) = reason {
+                not_identified.insert((*name).to_owned(), reason);
+            }
+        }
+        EffortModel {
+            terms,
+            theta,
+            covariance,
+            rank,
+            condition,
+            mechanism: None,
+            rms: rms(residual.as_slice()),
+            relative_error: residual.norm() / self.tau.norm().max(f64::MIN_POSITIVE),
+            held_out_rms,
+            effective_samples: effective_count(residual.as_slice()),
+            predicted: predicted.as_slice().to_vec(),
+            residual: residual.as_slice().to_vec(),
+            not_identified,
+        }
+    }
+}
+
+/// What the data say about one parameter.
+struct Evidence {
+    value: f64,
+    std: f64,
+    /// Root mean square of the regressor.
+    regressor: f64,
+    /// Root mean square of the measured effort.
+    effort: f64,
+}
+
+impl Evidence {
+    /// A sentence when the parameter is not identified: its uncertainty is over a third of its value and moves the effort
+    /// by more than a twentieth (for inertia, which is never zero: over a third of its value is enough).
+    fn missing(&self, name: &str, unit: &str) -> Option<String> {
+        let uncertain = !self.std.is_finite() || self.std > 0.35 * self.value.abs();
+        let matters = self.std * self.regressor > 0.05 * self.effort || !self.std.is_finite();
+        let todo = match name {
+            "inertia" => "add fast strokes with sharp starts and stops",
+            "coulomb" => "add slow strokes in both directions",
+            "viscous" => "add strokes at different steady speeds",
+            _ => "excite it more strongly or record longer",
+        };
+        (uncertain && (matters || name == "inertia")).then(|| {
+            format!("the motion does not show it apart from the rest ({:.3} +- {:.3} {unit}); {todo}", self.value, self.std)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,203 @@
+//! The regressor matrix with its folds, penalties and bounds.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::DynamicsError;
+use crate::effect::Effect;
+use crate::least_squares::{Bound, FitError, bounded_quadratic, covariance_of_free, effective_count};
+use crate::mechanism::SplineMechanism;
+use crate::motion::Motion;
+
+/// `tau = y [theta, mechanism coefficients]`.
+pub(super) struct Design {
+    pub(super) y: DMatrix<f64>,
+    pub(super) tau: DVector<f64>,
+    pub(super) bounds: Vec<Bound>,
+    pub(super) names: Vec<&'static str>,
+    pub(super) units: Vec<String>,
+    /// Number of parametric columns, which come first.
+    pub(super) params: usize,
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    penalties: Vec<DMatrix<f64>>,
+    scale: DVector<f64>,
+}
+
+/// Relative smoothing of load and damping that the search tries.
+const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
+const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
+
+impl Design {
+    pub(super) fn new(
+        motion: &Motion,
+        effects: &[&dyn Effect],
+        mechanism: Option<&SplineMechanism>,
+    ) -> Result<Self, DynamicsError> {
+        let mut columns = Vec::new();
+        for effect in effects {
+            columns.extend(effect.columns(motion)?);
+        }
+        let params = columns.len();
+        let total = params + mechanism.map_or(0, SplineMechanism::len);
+        let samples = motion.kept.len();
+        let needed = 3 * params + 10;
+        if samples < needed {
+            return Err(FitError::TooFewSamples { samples, params, needed }.into());
+        }
+        let mut y = DMatrix::zeros(samples, total);
+        for (j, column) in columns.iter().enumerate() {
+            y.column_mut(j).copy_from_slice(&column.values);
+        }
+        let mut bounds: Vec<Bound> = columns.iter().map(|column| column.bound).collect();
+        let mut penalties = Vec::new();
+        if let Some(mechanism) = mechanism {
+            y.view_mut((0, params), (samples, mechanism.len())).copy_from(&mechanism.regressor(motion)?);
+            bounds.extend(mechanism.bounds());
+            for penalty in mechanism.penalties() {
+                let mut full = DMatrix::zeros(total, total);
+                full.view_mut((params, params), penalty.shape()).copy_from(&penalty);
+                penalties.push(full);
+            }
+        }
+        let tau = DVector::from_vec(motion.regressor(&motion.tau)?);
+        if let Some(row) = (0..samples).find(|&i| !tau[i].is_finite() || y.row(i).iter().any(|v| !v.is_finite())) {
+            return Err(FitError::NotFinite { row }.into());
+        }
+        let scale = DVector::from_fn(total, |j, _| if j < params { y.column(j).norm().max(1e-12) } else { 1.0 });
+        let (gram, right) = normal(&y, &tau);
+        let names = columns.iter().map(|column| column.name).collect();
+        let units = columns.into_iter().map(|column| column.unit).collect();
+        let design = Self { y, tau, bounds, names, units, params, gram, right, penalties, scale };
+        let (rank, _) = design.rank_and_condition();
+        if rank < params {
+            return Err(FitError::RankDeficient { rank, params }.into());
+        }
+        Ok(design)
+    }
+
+    /// Rank and condition of the parametric columns, each scaled to length 1.
+    pub(super) fn rank_and_condition(&self) -> (usize, f64) {
+        let part = DMatrix::from_fn(self.params, self.params, |i, j| self.gram[(i, j)] / (self.scale[i] * self.scale[j]));
+        let eigen = part.symmetric_eigenvalues();
+        let (largest, smallest) = (eigen.max(), eigen.min().max(0.0));
+        let rank = eigen.iter().filter(|v| **v > 1e-12 * largest).count();
+        (rank, (largest / smallest).sqrt())
+    }
+
+    /// Smoothing with the least held-out error, and that error. One strength after the other, twice.
+    pub(super) fn choose_smoothing(&self, motion: &Motion) -> ([f64; 2], f64) {
+        let folds = self.fold_normals(motion);
+        let mut best = ([0.01, 0.1], f64::INFINITY);
+        for grid in [0, 1, 0] {
+            let values: &[f64] = if grid == 0 { &LOAD_GRID } else { &DAMPING_GRID };
+            for value in values {
+                let mut smoothing = best.0;
+                smoothing[grid] = *value;
+                let error = self.held_out_of(&folds, &smoothing);
+                if error < best.1 {
+                    best = (smoothing, error);
+                }
+            }
+        }
+        best
+    }
+
+    /// Held-out root mean square error with one smoothing.
+    pub(super) fn held_out(&self, motion: &Motion, smoothing: &[f64; 2]) -> f64 {
+        self.held_out_of(&self.fold_normals(motion), smoothing)
+    }
+
+    /// Parameters with one smoothing, and the covariance of the parametric ones, inflated for correlated residuals.
+    pub(super) fn solve(&self, smoothing: &[f64; 2]) -> (DVector<f64>, DMatrix<f64>) {
+        let h = self.penalized(&self.gram, smoothing, 1.0);
+        let solution = self.minimum(&h, &self.right, None);
+        let residual = &self.tau - &self.y * &solution;
+        let samples = self.tau.len() as f64;
+        let at_bound: Vec<bool> =
+            (0..solution.len()).map(|j| j >= self.params && self.bounds[j] == Bound::NonNegative && solution[j] == 0.0).collect();
+        let scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]));
+        let inverse = covariance_of_free(&scaled, &at_bound);
+        let effective = effective_count(residual.as_slice());
+        let variance = residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
+        let covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
+            inverse[(i, j)] / (self.scale[i] * self.scale[j]) * variance
+        });
+        (solution, covariance)
+    }
+
+    /// The columns that are not at a bound in `solution`, and their normal matrix with penalties.
+    pub(super) fn free_part(&self, solution: &DVector<f64>, smoothing: &[f64; 2]) -> (DMatrix<f64>, DMatrix<f64>) {
+        let free: Vec<usize> =
+            (0..solution.len()).filter(|&j| self.bounds[j] == Bound::Free || solution[j] > 0.0).collect();
+        let h = self.penalized(&self.gram, smoothing, 1.0);
+        (self.y.select_columns(&free), h.select_rows(&free).select_columns(&free))
+    }
+
+    fn fold_normals(&self, motion: &Motion) -> Vec<Fold> {
+        let (fold_of, count) = motion.folds();
+        (0..count)
+            .filter_map(|fold| {
+                let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
+                if rows.is_empty() || rows.len() == fold_of.len() {
+                    return None;
+                }
+                let (y, tau) = (self.y.select_rows(&rows), self.tau.select_rows(&rows));
+                let (gram, right) = normal(&y, &tau);
+                Some(Fold { gram, right, square: tau.norm_squared(), samples: rows.len() })
+            })
+            .collect()
+    }
+
+    fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2]) -> f64 {
+        let mut square = 0.0;
+        let mut samples = 0;
+        let mut warm: Option<Vec<bool>> = None;
+        for fold in folds {
+            let share = 1.0 - fold.samples as f64 / self.tau.len() as f64;
+            let h = self.penalized(&(&self.gram - &fold.gram), smoothing, share);
+            let x = self.minimum(&h, &(&self.right - &fold.right), warm.as_deref());
+            warm = Some(x.iter().map(|v| *v != 0.0).collect());
+            square += (fold.square - 2.0 * x.dot(&fold.right) + x.dot(&(&fold.gram * &x))).max(0.0);
+            samples += fold.samples;
+        }
+        (square / samples.max(1) as f64).sqrt()
+    }
+
+    /// Normal matrix with penalties; `share` of the samples are in it. A trace of ridge keeps it definite where the
+    /// motion never was.
+    fn penalized(&self, gram: &DMatrix<f64>, smoothing: &[f64; 2], share: f64) -> DMatrix<f64> {
+        let mut h = gram.clone();
+        for (penalty, strength) in self.penalties.iter().zip(smoothing.iter().chain(&[1.0])) {
+            let weight = strength * share * self.unit_weight(penalty);
+            h.zip_apply(penalty, |a, p| *a += weight * p);
+        }
+        for j in self.params..h.ncols() {
+            h[(j, j)] += 1e-7 * share * self.tau.len() as f64 / (h.ncols() as f64);
+        }
+        h
+    }
+
+    /// Mean diagonal weight of the coefficients that a penalty is about.
+    fn unit_weight(&self, penalty: &DMatrix<f64>) -> f64 {
+        let about: Vec<usize> = (0..penalty.ncols()).filter(|&j| penalty[(j, j)] > 0.0).collect();
+        about.iter().map(|&j| self.gram[(j, j)]).sum::<f64>() / about.len().max(1) as f64
+    }
+
+    fn minimum(&self, h: &DMatrix<f64>, right: &DVector<f64>, warm: Option<&[bool]>) -> DVector<f64> {
+        let scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]));
+        let mut x = bounded_quadratic(&scaled, &right.component_div(&self.scale), &self.bounds, warm);
+        x.component_div_assign(&self.scale);
+        x
+    }
+}
+
+struct Fold {
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    square: f64,
+    samples: usize,
+}
+
+fn normal(y: &DMatrix<f64>, tau: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    (y.tr_mul(y), y.tr_mul(tau))
+}

@@ -1,0 +1,113 @@
+//! What a complete model would leave: the sensors' noise through the pipeline's filters.
+//!
+//! - Wrench: the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried through
+//!   the filter.
+//! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
+//!   derivatives and the same filter and are weighed with the inertia, the viscous friction and the slope of the load.
+//!   Where there are none (tables), the position's own content in the upper half of its band, taken as white.
+//!
+//! Not covered: slow drift of the force sensor, and anything that both streams share.
+
+use crate::dynamics::EffortModel;
+use crate::filter::{LowPass, first_derivative, second_derivative};
+use crate::least_squares::rms;
+use crate::motion::{Motion, MotionError};
+use crate::samples::{JointSamples, quantile};
+
+/// Root mean square noise of the effort at the fit's samples, in the unit of the effort.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct NoiseFloor {
+    /// Both parts together.
+    pub rms: f64,
+    /// From the wrench.
+    pub wrench_rms: f64,
+    /// From the position, through inertia, friction and load.
+    pub position_rms: f64,
+}
+
+/// Estimates the floor of `model` on `motion`, which was prepared from `samples`.
+///
+/// # Errors
+/// When the motion cannot be filtered.
+pub fn floor(samples: &JointSamples, motion: &Motion, model: &EffortModel) -> Result<NoiseFloor, MotionError> {
+    let white = |std: f64, weight: &dyn Fn(f64) -> f64| std * (2.0 * samples.period * band_integral(motion, weight)).sqrt();
+    let wrench_rms = white(white_noise(samples, &samples.tau, 30.0)?, &|_| 1.0);
+    let theta = |name: &str| model.terms.iter().position(|term| term.name == name).map_or(0.0, |j| model.theta[j]);
+    let (inertia, viscous) = (theta("inertia"), theta("viscous"));
+    let slope = load_slope(motion, model);
+    let position_rms = if motion.noise_of_q.is_empty() {
+        let q_white = white_noise(samples, &samples.q, 0.25 * samples.rate_hz())?;
+        let through = |hz: f64| {
+            let w = core::f64::consts::TAU * hz;
+            (inertia * w * w - slope).powi(2) + (viscous * w).powi(2)
+        };
+        white(q_white, &through)
+    } else {
+        let mut squares = 0.0;
+        for series in &motion.noise_of_q {
+            let (velocity, acceleration) = (motion.derivative(series), motion.second_derivative(series));
+            let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
+            let effort: Vec<f64> = (0..series.len())
+                .map(|i| inertia * acceleration[i] + viscous * velocity[i] + slope * (series[i] - mean))
+                .collect();
+            squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
+        }
+        squares.sqrt()
+    };
+    Ok(NoiseFloor { rms: wrench_rms.hypot(position_rms), wrench_rms, position_rms })
+}
+
+/// Root mean square slope of the load curve over the kept samples; zero without a mechanism. Slow position errors move
+/// the load along with them, so only what the load curve itself bends counts: an upper estimate.
+fn load_slope(motion: &Motion, model: &EffortModel) -> f64 {
+    let Some(mechanism) = &model.mechanism else { return 0.0 };
+    let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
+    let slopes: Vec<f64> = motion
+        .kept
+        .iter()
+        .step_by(5)
+        .map(|&i| (mechanism.load(motion.q[i] + step) - mechanism.load(motion.q[i] - step)) / (2.0 * step))
+        .collect();
+    quantile(&slopes.iter().map(|s| s.abs()).collect::<Vec<_>>(), 0.5)
+}
+
+/// Standard deviation of the white noise that fills the band above `from_hz`: the median over windows of a quarter second.
+fn white_noise(samples: &JointSamples, series: &[f64], from_hz: f64) -> Result<f64, MotionError> {
+    let rate = samples.rate_hz();
+    let from = from_hz.min(0.25 * rate);
+    let filter = LowPass::butterworth(4, from, rate)?;
+    let mut variances = Vec::new();
+    for run in samples.runs.iter().filter(|run| run.len() as f64 * samples.period > 1.0) {
+        let part = &series[run.clone()];
+        let low = filter.zero_phase(part)?;
+        let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
+        let window = ((0.25 * rate) as usize).max(8);
+        variances.extend(high.chunks(window).map(|chunk| rms(chunk).powi(2)));
+    }
+    let share = 1.0 - from / (rate / 2.0);
+    Ok((quantile(&variances, 0.5) / share.max(0.1)).sqrt())
+}
+
+/// Integral of `weight` times the filter's power gain over frequency, Hz.
+fn band_integral(motion: &Motion, weight: &dyn Fn(f64) -> f64) -> f64 {
+    let half = 0.5 / motion.period;
+    let steps = 2000;
+    let width = half / f64::from(steps);
+    (0..steps).map(|k| (f64::from(k) + 0.5) * width).map(|hz| weight(hz) * motion.power_gain(hz) * width).sum()
+}
+
+/// Root mean square acceleration and velocity of a noise series below `cutoff_hz`, for weighing sensors by what they do to
+/// the dynamics.
+///
+/// # Errors
+/// When the series is too short.
+pub fn acceleration_noise(series: &[f64], period: f64, cutoff_hz: f64) -> Result<[f64; 2], MotionError> {
+    let rate = 1.0 / period;
+    let filter = LowPass::butterworth(4, cutoff_hz.min(0.2 * rate), rate)?;
+    let smooth = filter.zero_phase_settled(series)?;
+    let middle = |x: Vec<f64>| {
+        let edge = (x.len() / 20).min((rate * 0.5) as usize);
+        rms(&x[edge..x.len() - edge])
+    };
+    Ok([middle(second_derivative(&smooth, period)), middle(first_derivative(&smooth, period))])
+}
