@@ -1,0 +1,151 @@
+//! `ft-sim-hw`: the simulated devices alone, for any program to open.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::{Parser, Subcommand};
+use ft_drivers::{Clock, MonotonicClock};
+use ft_sim_hw::{Bus, Port, Scenario, ScenarioError, ServeOptions, Server};
+
+const EXAMPLES: &str = "\
+Examples:
+  ft-sim-hw scenarios
+  ft-sim-hw serve wood_door
+  ft-sim-hw serve oven_door --vcan vcan0 --seed 7
+  ft-sim-hw serve my_door.toml --duration 30 --truth truth.json
+
+Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
+
+/// Simulated force-sensing gripper, object and person: devices that any program can open.
+#[derive(Parser)]
+#[command(name = "ft-sim-hw", version, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Plays a scenario in real time on pseudo-terminals and CAN until its end or Ctrl-C.
+    Serve {
+        /// A built-in scenario, or the path of a TOML file.
+        scenario: String,
+        /// Draws everything that is random.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Seconds in all; by default as long as a minute of probing takes.
+        #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+        duration: Option<Duration>,
+        /// An existing CAN interface for devices on CAN.
+        #[arg(long, value_name = "INTERFACE")]
+        vcan: Option<String>,
+        /// Writes what is really so into this file (JSON); an existing one is refused.
+        #[arg(long, value_name = "FILE")]
+        truth: Option<std::path::PathBuf>,
+    },
+    /// Lists the built-in scenarios.
+    Scenarios,
+}
+
+/// `30`, `30s` or `1.5`.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number: f64 = text.trim_end_matches('s').parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
+    Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Scenarios => scenarios(),
+        Command::Serve { scenario, seed, duration, vcan, truth } => serve(&scenario, seed, duration, vcan, truth),
+    };
+    match result {
+        Ok(code) => code,
+        Err((code, text)) => {
+            eprintln!("ft-sim-hw: {text}");
+            ExitCode::from(code)
+        }
+    }
+}
+
+type Outcome = Result<ExitCode, (u8, String)>;
+
+fn failed(error: &dyn std::error::Error) -> (u8, String) {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let cause_text = cause.to_string();
+        if !text.contains(&cause_text) {
+            text = format!("{text}: {cause_text}");
+        }
+        source = cause.source();
+    }
+    (1, text)
+}
+
+fn scenarios() -> Outcome {
+    for name in Scenario::builtin_names() {
+        let scenario = Scenario::builtin(name).map_err(|error| failed(&error))?;
+        println!("{name:14} {}", scenario.description);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn serve(
+    scenario: &str,
+    seed: u64,
+    duration: Option<Duration>,
+    vcan: Option<String>,
+    truth: Option<std::path::PathBuf>,
+) -> Outcome {
+    let scenario = Scenario::load(scenario).map_err(|error| match error {
+        ScenarioError::UnknownName { .. } => (2, error.to_string()),
+        _ => failed(&error),
+    })?;
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, interrupted.clone()).map_err(|error| failed(&error))?;
+    }
+    let clock = MonotonicClock::anchored_now();
+    let mut server = Server::start(&scenario, seed, duration, clock, ServeOptions { vcan }).map_err(|error| failed(&error))?;
+    if let Some(path) = &truth {
+        write_truth(path, &server)?;
+    }
+    print_ports(&scenario, &server);
+    while !interrupted.load(Ordering::Relaxed) && !server.is_over() {
+        for (at, mark) in server.drain_marks() {
+            println!("{at}  {mark}");
+        }
+        clock.wait_until(clock.now() + Duration::from_millis(50));
+    }
+    let lost = server.stop();
+    if lost > 0 {
+        return Err((3, format!("{lost} bytes or frames were not taken in time by the program that had the port open")));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write_truth(path: &std::path::Path, server: &Server) -> Result<(), (u8, String)> {
+    let text = serde_json::to_string_pretty(&server.truth()).map_err(|error| failed(&error))?;
+    let refused = |error: std::io::Error| (1, format!("cannot write {}: {error}", path.display()));
+    let mut file = std::fs::File::create_new(path).map_err(refused)?;
+    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(refused)
+}
+
+fn print_ports(scenario: &Scenario, server: &Server) {
+    println!("{}: {}", scenario.name, scenario.description);
+    for served in server.ports() {
+        let port = match &served.port {
+            Port::Pty(path) => path.display().to_string(),
+            Port::SocketCan(interface) => interface.clone(),
+            _ => "not reachable: give --vcan INTERFACE".to_owned(),
+        };
+        let bus = match served.fitted.bus {
+            Bus::Serial { baud_bps } => format!("{baud_bps} baud, 8N1"),
+            Bus::Can { bitrate_bps } => format!("CAN at {bitrate_bps} bit/s"),
+        };
+        println!("  {:10} {:14} {port}  ({bus})", served.fitted.name, served.fitted.driver);
+    }
+    println!("Until {} or Ctrl-C.", server.end());
+}

@@ -1,0 +1,225 @@
+//! World, person and tool together: what is true at an instant.
+
+use crate::motion::{Jet, RigidMotion};
+use crate::person::contact::Grip;
+use crate::person::free_air::{self, FreeAir};
+use crate::person::plan::{self, Occasion, Segment};
+use crate::person::{Hand, Person};
+use crate::random::{Random, Stream};
+use crate::scenario::{Scenario, ScenarioError};
+use crate::setting::Setting;
+use crate::tool::{ContactWrench, Tool};
+use crate::world::{Drive, Free, STEPS_PER_SECOND, World, mechanism};
+
+/// Seconds from the start of the simulation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Timeline {
+    pub(crate) free_air_begin: f64,
+    pub(crate) grasp: f64,
+    pub(crate) release: f64,
+    pub(crate) end: f64,
+}
+
+const LEAD_IN_S: f64 = 2.0;
+const PROBING_S: f64 = 60.0;
+const TAIL_S: f64 = 1.0;
+const LEAST_S: f64 = 4.0;
+
+impl Timeline {
+    /// The parts of a run that lasts `seconds` in all, or of one with a minute of probing.
+    pub(crate) fn lasting(seconds: Option<f64>) -> Result<Self, ScenarioError> {
+        let around = LEAD_IN_S + free_air::FULL_S + TAIL_S;
+        let total = seconds.unwrap_or(around + PROBING_S);
+        if total.is_nan() || total < LEAST_S {
+            return Err(ScenarioError::TooShort { asked_s: total, least_s: LEAST_S });
+        }
+        // At least half of a short run is probing.
+        let share = (0.5 * total / around).min(1.0);
+        let on_step = |t: f64| (t * f64::from(STEPS_PER_SECOND)).round() / f64::from(STEPS_PER_SECOND);
+        Ok(Self {
+            free_air_begin: on_step(share * LEAD_IN_S),
+            grasp: on_step(share * (LEAD_IN_S + free_air::FULL_S)),
+            release: on_step(total - share * TAIL_S),
+            end: total,
+        })
+    }
+
+    fn free_air_seconds(&self) -> [f64; 2] {
+        [self.free_air_begin, self.grasp]
+    }
+}
+
+#[derive(Debug)]
+enum Phase {
+    Before,
+    Held(Box<Person>),
+    After(RigidMotion),
+}
+
+/// What is true at an instant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sight {
+    /// The tool centre point.
+    pub(crate) tcp: RigidMotion,
+    /// What an ideal sensor reports.
+    pub(crate) wrench: [f64; 6],
+    #[cfg_attr(not(test), allow(dead_code, reason = "tests compare it with the object's equation of motion"))]
+    pub(crate) moment: crate::world::Moment,
+    #[cfg_attr(not(test), allow(dead_code, reason = "tests compare its work with the effort"))]
+    pub(crate) contact: ContactWrench,
+}
+
+#[derive(Debug)]
+pub(crate) struct Scene {
+    pub(crate) world: World,
+    pub(crate) tool: Tool,
+    pub(crate) timeline: Timeline,
+    setting: Setting,
+    phase: Phase,
+    plan: Vec<Segment>,
+    hand: Hand,
+    grip: Grip,
+    free_air: FreeAir,
+    handle_width: f64,
+}
+
+impl Scene {
+    pub(crate) fn new(scenario: &Scenario, seed: u64, seconds: Option<f64>) -> Result<Self, ScenarioError> {
+        let timeline = Timeline::lasting(seconds)?;
+        let setting = Setting::draw(scenario, &mut Random::new(seed, Stream::Setting));
+        let passives = scenario.mechanisms.iter().map(mechanism::build).collect();
+        let mut world = World::new(setting.joint.clone(), scenario.object.clone(), passives);
+        world.settle()?;
+        let tool = Tool::new(&scenario.tool);
+        let mut random = Random::new(seed, Stream::Person);
+        let at_grasp = setting.carry(Jet::constant(world.state().q));
+        let inertia = hand_inertia(scenario, &setting, &tool, &at_grasp);
+        let hand = Hand::new(&scenario.person, setting.lever(), scenario.object.inertia, inertia, &mut random);
+        let occasion = occasion(scenario, &setting, &world, inertia);
+        let probing = timeline.release - timeline.grasp;
+        Ok(Self {
+            plan: plan::protocol(&occasion, probing, &mut Random::new(seed, Stream::Plan)),
+            grip: Grip::new(
+                &scenario.person,
+                [timeline.grasp, timeline.release],
+                &mut Random::new(seed, Stream::OffAxis),
+            ),
+            free_air: FreeAir::new(at_grasp.position, at_grasp.rotation, timeline.free_air_seconds(), &mut random),
+            handle_width: scenario.grasp.handle_width_m,
+            phase: Phase::Before,
+            hand,
+            world,
+            tool,
+            timeline,
+            setting,
+        })
+    }
+
+    /// Moves on to the first step that ends at or after `t` seconds.
+    pub(crate) fn advance_to(&mut self, t: f64) {
+        while self.world.state().t < t {
+            self.begin_step();
+            match &self.phase {
+                Phase::Held(person) => self.world.step(person.as_ref()),
+                _ => self.world.step(&Free),
+            }
+        }
+    }
+
+    fn begin_step(&mut self) {
+        let state = self.world.state();
+        match &mut self.phase {
+            Phase::Before if state.t >= self.timeline.grasp => {
+                let mut person = Person::grasping(self.hand.clone(), std::mem::take(&mut self.plan), state);
+                person.begin_step(state);
+                self.phase = Phase::Held(Box::new(person));
+            }
+            Phase::Held(_) if state.t >= self.timeline.release => {
+                let held = self.setting.carry(Jet::constant(state.q));
+                self.phase = Phase::After(held);
+            }
+            Phase::Held(person) => person.begin_step(state),
+            _ => {}
+        }
+    }
+
+    /// What is true at `t`, which lies in the last step.
+    pub(crate) fn sight(&self, t: f64) -> Sight {
+        let drive: &dyn Drive = match &self.phase {
+            Phase::Held(person) => person.as_ref(),
+            _ => &Free,
+        };
+        let moment = self.world.moment(drive, t);
+        let (tcp, contact) = match &self.phase {
+            Phase::Before => (self.free_air.before(t), ContactWrench::default()),
+            Phase::After(held) => (self.free_air.after(held, self.timeline.release, t), ContactWrench::default()),
+            Phase::Held(_) => {
+                let q = Jet { value: moment.state.q, rate: moment.state.dq, rate_change: moment.ddq };
+                let tcp = self.setting.carry(q);
+                (tcp, self.grip.wrench(&self.setting.joint, tcp.position, moment.tool_effort, t))
+            }
+        };
+        Sight { tcp, wrench: self.tool.sensor_wrench(&tcp, &contact), moment, contact }
+    }
+
+    /// Jaw opening and its rate at `t`, m and m/s.
+    pub(crate) fn jaw(&self, t: f64) -> (f64, f64) {
+        let wide = self.handle_width.max(0.085);
+        let closing = Jet::rise(t - (self.timeline.grasp - 0.35), 0.35);
+        let opening = Jet::rise(t - self.timeline.release, 0.35);
+        let closed = closing.plus(opening.scaled(-1.0)).scaled(self.handle_width - wide);
+        (wide + closed.value, closed.rate)
+    }
+
+    /// Whether the jaws hold the handle at `t`.
+    pub(crate) fn holds(&self, t: f64) -> bool {
+        (self.timeline.grasp..self.timeline.release).contains(&t)
+    }
+
+    pub(crate) fn setting(&self) -> &Setting {
+        &self.setting
+    }
+}
+
+impl Setting {
+    /// The tool centre point's motion while the tool holds the object.
+    pub(crate) fn carry(&self, q: Jet) -> RigidMotion {
+        self.joint.carry(self.grasp_position, self.grasp_rotation, q)
+    }
+}
+
+/// What hand and gripper add to the joint's inertia.
+fn hand_inertia(scenario: &Scenario, setting: &Setting, tool: &Tool, at_grasp: &RigidMotion) -> f64 {
+    let lever = setting.lever();
+    let moving = scenario.person.moving_mass_kg * lever * lever;
+    match setting.joint.kind {
+        crate::scenario::JointKind::Prismatic => moving + tool.mass(),
+        crate::scenario::JointKind::Revolute => {
+            moving + tool.inertia_about(at_grasp, setting.joint.axis.into_inner(), setting.joint.point)
+        }
+    }
+}
+
+fn occasion(scenario: &Scenario, setting: &Setting, world: &World, hand_inertia: f64) -> Occasion {
+    let person = &scenario.person;
+    let lever = setting.lever();
+    let [closed, open] = setting.joint.range;
+    let by_strength = 0.7 * person.max_force_n * lever / (scenario.object.inertia + hand_inertia);
+    let goes = |q: f64, direction: f64| direction * world.standing_effort(q) > 1.3 * world.holding_effort(q);
+    let (nearly_open, nearly_closed) = (closed + 0.85 * (open - closed), closed + 0.2 * (open - closed));
+    let goes_by_itself = if goes(nearly_open, -1.0) {
+        Some(nearly_open)
+    } else {
+        goes(nearly_closed, 1.0).then_some(nearly_closed)
+    };
+    Occasion {
+        closed: world.state().q,
+        open,
+        top_rate: person.top_speed_m_s / lever,
+        peak_acceleration: (person.shake_m_s2 / lever).min(by_strength),
+        goes_by_itself,
+    }
+}
+
+#[cfg(test)]
+mod tests;
