@@ -141,11 +141,12 @@ impl RecordingWriter {
         let bytes = Arc::new(AtomicU64::new(0));
         let clone = file.try_clone().map_err(|source| io_error("duplicate the handle of", &partial, source))?;
         let sink = NoSeek::new(BufWriter::new(Counted { file: clone, bytes: Arc::clone(&bytes) }));
-        let writer = mcap_options(options)
+        let mut writer = mcap_options(options)
             .profile("ros2")
             .library(LIBRARY)
             .create(sink)
             .map_err(|error| format_error(error, &partial))?;
+        writer.flush().map_err(|error| format_error(error, &partial))?;
         Ok(Self {
             writer: Some(writer),
             file,
@@ -155,7 +156,7 @@ impl RecordingWriter {
             options: options.clone(),
             channels: Vec::new(),
             last_flush: None,
-            pending: true,
+            pending: false,
         })
     }
 
