@@ -351,7 +351,7 @@ impl<R: Read + Seek> RecordReader<R> {
 
     /// Where the next chunk at or behind `from` begins, judged by its header.
     fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
-        let overlap = FRAME as usize + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
+        let overlap = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
         let mut start = from;
         while start < self.length {
             self.seek_to(start)?;

@@ -43,8 +43,8 @@ pub struct Recovered {
     pub unread_bytes: u64,
     /// The last message given back.
     pub last_message: Option<LastMessage>,
-    /// When the source was last written to, ns since the Unix epoch, by the system's clock. A copied file may say when it
-    /// was copied.
+    /// When the source was last written to, ns since the Unix epoch, by the system's clock: what came later than one
+    /// flush period before is lost. A copied file may say when it was copied.
     pub source_modified_ns: Option<i64>,
     /// Whether the source was a finished recording.
     pub was_complete: bool,
@@ -81,15 +81,6 @@ impl Recovered {
     #[must_use]
     pub fn lost_data(&self) -> bool {
         !self.was_complete || !self.damage.is_empty()
-    }
-
-    /// Seconds from the last message given back to the last write to the source: at most this is lost at the end, when
-    /// the source is not a copy. `None` when either is unknown.
-    #[must_use]
-    pub fn unknown_end_s(&self) -> Option<f64> {
-        let last = HostTime::from_nanos(self.last_message.as_ref()?.log_time_ns);
-        let modified = HostTime::from_nanos(self.source_modified_ns?);
-        Some(modified.seconds_since(last)).filter(|seconds| *seconds >= 0.0)
     }
 }
 
@@ -361,8 +352,8 @@ impl fmt::Display for Recovered {
             Some(LastMessage { topic, sequence, log_time_ns }) => {
                 let at = HostTime::from_nanos(*log_time_ns);
                 write!(f, "  last message: {topic} number {sequence} at {at}; nothing is known after it")?;
-                let end = self.unknown_end_s();
-                end.map_or(Ok(()), |end| write!(f, " (the source was last written to {end:.3} s later)"))
+                let modified = self.source_modified_ns.map(HostTime::from_nanos);
+                modified.map_or(Ok(()), |at| write!(f, " (the source was last written to at {at})"))
             }
         }
     }

@@ -1,4 +1,5 @@
 //! The 416 files of the MCAP conformance suite are read record by record as their listings say.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::fs;
 use std::path::Path;
@@ -86,7 +87,6 @@ fn describe(record: Record<'_>) -> Option<Value> {
         }]),
         Record::Other { opcode, body } => return describe_index(mcap::parse_record(opcode, body).unwrap()),
         Record::Unreadable { opcode } => panic!("record {opcode:#04x} is unreadable"),
-        other => panic!("{other:?}"),
     })
 }
 

@@ -1,4 +1,5 @@
 //! Cut and corrupted files: what was before the damage is given back, nothing panics or hangs, nothing is invented.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs;

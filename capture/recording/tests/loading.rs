@@ -1,4 +1,5 @@
 //! What identification gets from recordings, its own and other people's, and how each that cannot be used is refused.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::collections::BTreeMap;
 use std::fs;

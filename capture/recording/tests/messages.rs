@@ -1,4 +1,5 @@
 //! Messages as bytes: golden ones from rosbags, round trips, and bytes that are no messages.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use ft_recording::message::{
     DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Message, Pose, PoseStamped, TFMessage,

@@ -1,4 +1,5 @@
 //! The writer keeps what it is given, under the name it promises, and says what is in the way.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::collections::BTreeMap;
 use std::fs;
