@@ -1,1 +1,29 @@
 //! Time-synchronised capture service: records, publishes and shows what the devices say.
+//!
+//! ```text
+//! link thread (one per device)          writer thread -> MCAP (chunks of 100 ms)
+//!   link -> pump -> driver -> channel -> bounded queues -> sync thread -> disk
+//!                    (clock translation)  \
+//!                                          publisher thread -> Zenoh, as rmw_zenoh names it
+//! ```
+//!
+//! Acquisition never waits for the disk or for a viewer: a full queue drops and counts.
+
+pub mod channel;
+pub mod config;
+pub mod encode;
+pub mod health;
+pub mod item;
+pub mod ledger;
+pub mod merge;
+pub mod network;
+pub mod open;
+pub mod queues;
+pub mod rmw;
+pub mod session;
+pub mod settings;
+#[cfg(feature = "sim")]
+pub mod simulated;
+pub mod sink;
+pub mod summary;
+pub mod view;

@@ -1,1 +1,26 @@
-//! Whole-system tests and comparisons with other people's tools.
+//! Harness of the whole-system tests: the built programs, the measured data, other people's tools.
+
+pub mod peers;
+pub mod programs;
+
+use std::path::{Path, PathBuf};
+
+/// The checkout's top folder.
+#[must_use]
+pub fn workspace_root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map_or_else(PathBuf::new, Path::to_path_buf)
+}
+
+/// A folder of the measured data (`$FT_DATA`, else `../shared/data` beside the checkout), or `None` after printing
+/// one line that says what `test` skips without it.
+#[must_use]
+pub fn measured_data(folder: &str, test: &str) -> Option<PathBuf> {
+    let base = std::env::var_os("FT_DATA")
+        .map_or_else(|| workspace_root().join("../shared/data"), PathBuf::from);
+    let path = base.join(folder);
+    if path.is_dir() {
+        return Some(path);
+    }
+    eprintln!("skipped: {test}: no measured data at {} (set FT_DATA)", path.display());
+    None
+}

@@ -1,0 +1,71 @@
+//! `ft-capture devices`, `check`, `recover` and `replay`.
+
+use std::path::{Path, PathBuf};
+
+use ft_capture::session::replay;
+use ft_drivers::discover;
+use ft_recording::{check, recover};
+
+use crate::{CommandResult, Outcome};
+
+/// Lists what is plugged in.
+pub(crate) fn devices() -> CommandResult {
+    let ports = discover::serial_ports();
+    let interfaces = discover::can_interfaces();
+    for port in &ports {
+        println!("{port}");
+    }
+    for interface in &interfaces {
+        println!("{interface}");
+    }
+    if ports.is_empty() && interfaces.is_empty() {
+        println!("no serial port with a USB identity and no CAN interface is there");
+        println!("(a simulated gripper needs none: ft-capture --sim)");
+    }
+    Ok(Outcome::Fine)
+}
+
+/// Tells whether a recording is whole.
+pub(crate) fn check(file: &Path, json: bool) -> CommandResult {
+    let report = check::check(file)?;
+    if json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        println!("{report}");
+    }
+    Ok(Outcome::of(report.lost_data()))
+}
+
+/// Makes a complete recording of what a crash left.
+pub(crate) fn recover(file: &Path, output: Option<PathBuf>, force: bool, json: bool) -> CommandResult {
+    let output = match output {
+        Some(output) => output,
+        None => default_output(file)?,
+    };
+    let recovered = recover::recover(file, &output, force)?;
+    if json {
+        println!("{}", serde_json::to_string_pretty(&recovered)?);
+    } else {
+        println!("{recovered}");
+        println!("written to {}", output.display());
+    }
+    Ok(Outcome::of(recovered.lost_data()))
+}
+
+fn default_output(file: &Path) -> Result<PathBuf, String> {
+    match file.extension() {
+        Some(extension) if extension == "partial" => Ok(file.with_extension("")),
+        _ => Err(format!("{}: name the new recording with -o (only *.partial has a default)", file.display())),
+    }
+}
+
+/// Sends a recording's raw frames through the drivers again.
+pub(crate) fn replay(file: &Path, output: &Path, force: bool, json: bool) -> CommandResult {
+    let summary = replay::replay(file, output, force)?;
+    if json {
+        println!("{}", serde_json::to_string_pretty(&summary)?);
+    } else {
+        println!("{summary}");
+    }
+    Ok(Outcome::of(summary.lost_data()))
+}

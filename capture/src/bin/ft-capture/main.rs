@@ -1,0 +1,181 @@
+//! `ft-capture`: records what a force-sensing gripper measures.
+
+mod files;
+mod record;
+#[cfg(feature = "sim")]
+mod simulate;
+#[cfg(not(feature = "sim"))]
+#[path = "simulate_absent.rs"]
+mod simulate;
+mod terminal;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.
+const LOST: u8 = 3;
+
+const EXAMPLES: &str = "Examples:
+  ft-capture --sim                                   simulated gripper on a wood door, in real time
+  ft-capture --sim --speed max -o door.mcap          the same, as fast as it goes
+  ft-capture --sim drawer_loaded --seed 7 --json     another object, another person
+  ft-capture --config capture.toml -o door.mcap      real devices, until Ctrl-C
+  ft-capture --listen tcp/0.0.0.0:7447               let other machines watch (ft-view --connect ...)
+  ft-capture devices                                 what is plugged in
+  ft-capture check door.mcap                         is the recording whole?
+  ft-capture recover door.mcap.partial -o door.mcap  after a crash
+
+Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
+
+/// Records force, torque, pose and gripper width, synchronised, into an MCAP file, and publishes them live.
+#[derive(Debug, Parser)]
+#[command(version, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    record: RecordArguments,
+}
+
+/// What a recording needs to know.
+#[derive(Debug, Args)]
+struct RecordArguments {
+    /// Simulated hardware instead of real: a built-in scenario or a TOML file [default scenario: wood_door]
+    #[arg(long, value_name = "SCENARIO", num_args = 0..=1, default_missing_value = "wood_door")]
+    sim: Option<String>,
+    /// Configuration of the real devices
+    #[arg(long, value_name = "FILE", default_value = "capture.toml", conflicts_with = "sim")]
+    config: PathBuf,
+    /// The recording [default: named after the scenario, or after the time]
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: Option<PathBuf>,
+    /// Replace an existing recording
+    #[arg(long)]
+    force: bool,
+    /// Stop after this time, such as 60s or 5min
+    #[arg(long, value_parser = humantime::parse_duration)]
+    duration: Option<Duration>,
+    /// Simulation only: 1 in real time through pseudo-terminals, max on the simulated clock
+    #[arg(long, value_name = "1|max", default_value = "1", requires = "sim")]
+    speed: Speed,
+    /// Simulation only: every random thing follows from it
+    #[arg(long, default_value_t = 1, requires = "sim")]
+    seed: u64,
+    /// Simulation only: an existing virtual CAN interface for devices on CAN, such as vcan0
+    #[arg(long, value_name = "INTERFACE", requires = "sim")]
+    vcan: Option<String>,
+    /// Zenoh endpoint to listen on, such as tcp/0.0.0.0:7447 [default: this host only]
+    #[arg(long, value_name = "ENDPOINT")]
+    listen: Vec<String>,
+    /// Zenoh endpoint to connect to
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
+    /// Be a Zenoh router on port 7447 of every interface: ROS 2 nodes (rmw_zenoh) need nothing else
+    #[arg(long)]
+    router: bool,
+    /// Publish only, write no file
+    #[arg(long, conflicts_with_all = ["output", "force"])]
+    no_record: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// How fast a simulation goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Speed {
+    RealTime,
+    Max,
+}
+
+impl std::str::FromStr for Speed {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "1" => Ok(Self::RealTime),
+            "max" => Ok(Self::Max),
+            _ => Err("1 (real time) or max".to_owned()),
+        }
+    }
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// List serial ports and CAN interfaces, and which driver may take them
+    Devices,
+    /// Tell whether a recording is whole: rates, gaps, losses, one verdict
+    Check {
+        /// The recording
+        file: PathBuf,
+        /// Print the report as JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make a complete recording of what a crash left
+    Recover {
+        /// The partial or damaged recording; it is not changed
+        file: PathBuf,
+        /// The new recording [default: the name without .partial]
+        #[arg(short, long, value_name = "FILE.mcap")]
+        output: Option<PathBuf>,
+        /// Replace an existing recording
+        #[arg(long)]
+        force: bool,
+        /// Print what was given back as JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Send a recording's raw frames through the drivers again, into a new recording
+    Replay {
+        /// The recording
+        file: PathBuf,
+        /// The new recording
+        #[arg(short, long, value_name = "FILE.mcap")]
+        output: PathBuf,
+        /// Replace an existing recording
+        #[arg(long)]
+        force: bool,
+        /// Print the summary as JSON
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
+    let arguments = Arguments::parse();
+    let result = match arguments.command {
+        None => record::record(&arguments.record),
+        Some(Command::Devices) => files::devices(),
+        Some(Command::Check { file, json }) => files::check(&file, json),
+        Some(Command::Recover { file, output, force, json }) => files::recover(&file, output, force, json),
+        Some(Command::Replay { file, output, force, json }) => files::replay(&file, &output, force, json),
+    };
+    match result {
+        Ok(Outcome::Fine) => ExitCode::SUCCESS,
+        Ok(Outcome::DataLost) => ExitCode::from(LOST),
+        Err(error) => {
+            terminal::print_error(error.as_ref());
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// How a command that did its work ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    Fine,
+    DataLost,
+}
+
+impl Outcome {
+    const fn of(lost: bool) -> Self {
+        if lost { Self::DataLost } else { Self::Fine }
+    }
+}
+
+/// A program's errors go to one place: its last lines.
+type CommandResult = Result<Outcome, Box<dyn std::error::Error>>;

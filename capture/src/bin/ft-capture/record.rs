@@ -1,0 +1,55 @@
+//! `ft-capture` without a subcommand: record.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use ft_capture::config::Config;
+use ft_capture::open::Connection;
+use ft_capture::session::{Plan, live};
+use ft_capture::summary::Summary;
+use ft_drivers::{Clock, MonotonicClock};
+
+use crate::terminal::{Operator, bar, stop_flag};
+use crate::{CommandResult, Outcome, RecordArguments, simulate};
+
+/// Carries the command out.
+pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
+    let summary = match &arguments.sim {
+        None => from_devices(arguments)?,
+        Some(scenario) => simulate::run(arguments, scenario)?,
+    };
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&summary)?);
+    } else {
+        println!("{summary}");
+    }
+    Ok(Outcome::of(summary.lost_data()))
+}
+
+fn from_devices(arguments: &RecordArguments) -> Result<Summary, Box<dyn std::error::Error>> {
+    let config = Config::load(&arguments.config)?;
+    let clock = MonotonicClock::anchored_now();
+    let default_name = format!("ft-{}.mcap", clock.now().as_nanos() / 1_000_000_000);
+    let plan = plan(arguments, config, &default_name);
+    let connections = plan.config.devices.iter().map(|_| Connection::Configured).collect();
+    let mut operator = Operator {
+        stop: stop_flag()?,
+        take_marks: Box::new(Vec::new),
+        is_over: Box::new(|| false),
+        bar: bar(arguments.duration),
+        shown_at: Duration::ZERO,
+    };
+    let summary = live::run(&plan, clock, connections, &mut operator);
+    operator.bar.finish_and_clear();
+    Ok(summary?)
+}
+
+/// The plan of `config` as the command line amends it.
+pub(crate) fn plan(arguments: &RecordArguments, mut config: Config, default_name: &str) -> Plan {
+    config.network.listen.extend(arguments.listen.iter().cloned());
+    config.network.connect.extend(arguments.connect.iter().cloned());
+    config.network.router |= arguments.router;
+    let record = (!arguments.no_record)
+        .then(|| arguments.output.clone().unwrap_or_else(|| PathBuf::from(default_name)));
+    Plan { config, record, overwrite: arguments.force, duration: arguments.duration, publish: true }
+}

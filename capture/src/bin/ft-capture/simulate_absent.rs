@@ -1,0 +1,10 @@
+//! `ft-capture --sim` in a build without the feature `sim`.
+
+use ft_capture::summary::Summary;
+
+use crate::RecordArguments;
+
+/// Says that this build cannot.
+pub(crate) fn run(_arguments: &RecordArguments, name: &str) -> Result<Summary, Box<dyn std::error::Error>> {
+    Err(format!("--sim {name}: this program was built without the feature `sim`").into())
+}

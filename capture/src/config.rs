@@ -1,0 +1,318 @@
+//! `capture.toml`: which devices, where they are, and where the frames stand to each other.
+
+use std::path::{Path, PathBuf};
+
+use ft_recording::calibration::Calibration;
+use serde::{Deserialize, Serialize};
+
+use crate::rmw::Profile;
+
+/// The whole configuration. Keys that are not listed here are refused.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Names this gripper in control keys (`ft_capture/<id>/status`) and in the ROS node's name.
+    #[serde(default = "default_id")]
+    pub id: String,
+    /// The devices.
+    #[serde(default, rename = "device")]
+    pub devices: Vec<Device>,
+    /// How the frames stand to each other.
+    #[serde(default)]
+    pub frames: Frames,
+    /// The gripper's part in front of the sensor, when it was calibrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
+    /// How the file is written.
+    #[serde(default)]
+    pub recording: RecordingConfig,
+    /// Where the live topics go.
+    #[serde(default)]
+    pub network: Network,
+}
+
+fn default_id() -> String {
+    "gripper".to_owned()
+}
+
+/// One device.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Device {
+    /// Names its stream: `/raw/<name>`, ledger, diagnostics.
+    pub name: String,
+    /// Which driver takes it.
+    pub driver: Driver,
+    /// Serial port (`/dev/ttyUSB0`, better `/dev/serial/by-id/...`) or CAN interface (`can0`).
+    pub port: String,
+    /// Time from the sample to the arrival of its last byte that is the same for every sample, us.
+    #[serde(default)]
+    pub latency_us: f64,
+    /// The driver's own settings.
+    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
+    pub settings: toml::Table,
+}
+
+/// The drivers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Driver {
+    /// Bota Rokubi, SensONE, MiniONE over USB or RS-422.
+    BotaSerial,
+    /// Robotous RFT over CAN.
+    RobotousCan,
+    /// Robotous RFT over USB, RS-232, RS-422.
+    RobotousUart,
+    /// A Dynamixel as the gripper's encoder.
+    Dynamixel,
+    /// A tracker that streams poses in our own format.
+    PoseStream,
+}
+
+impl Driver {
+    /// The topic that the driver fills; no two devices may fill the same.
+    #[must_use]
+    pub const fn topic(self) -> &'static str {
+        match self {
+            Self::BotaSerial | Self::RobotousCan | Self::RobotousUart => "/ft/wrench",
+            Self::Dynamixel => "/gripper/joint_states",
+            Self::PoseStream => "/aria/pose",
+        }
+    }
+
+    /// As in the configuration.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::BotaSerial => "bota_serial",
+            Self::RobotousCan => "robotous_can",
+            Self::RobotousUart => "robotous_uart",
+            Self::Dynamixel => "dynamixel",
+            Self::PoseStream => "pose_stream",
+        }
+    }
+
+    /// The driver with that name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        [Self::BotaSerial, Self::RobotousCan, Self::RobotousUart, Self::Dynamixel, Self::PoseStream]
+            .into_iter()
+            .find(|driver| driver.name() == name)
+    }
+}
+
+/// How the frames on the gripper stand to each other; identity where not said.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Frames {
+    /// Takes coordinates in `tcp` to `aria_device`.
+    pub aria_device_from_tcp: StaticPose,
+    /// Takes coordinates in `ft_sensor` to `tcp`.
+    pub tcp_from_ft_sensor: StaticPose,
+}
+
+/// A pose that does not change.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StaticPose {
+    /// m.
+    pub position_m: [f64; 3],
+    /// Unit quaternion x y z w.
+    pub quaternion_xyzw: [f64; 4],
+}
+
+impl Default for StaticPose {
+    fn default() -> Self {
+        Self { position_m: [0.0; 3], quaternion_xyzw: [0.0, 0.0, 0.0, 1.0] }
+    }
+}
+
+/// How the file is written.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecordingConfig {
+    /// A chunk is closed and handed to the system after this time; what a crash can cost, ms, 10 to 200.
+    pub flush_period_ms: u64,
+    /// The file is forced to the disk this often; what a power cut can cost, ms, 100 to 60000.
+    pub sync_period_ms: u64,
+}
+
+impl Default for RecordingConfig {
+    fn default() -> Self {
+        Self { flush_period_ms: 100, sync_period_ms: 1000 }
+    }
+}
+
+/// Where the live topics go.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Network {
+    /// Zenoh endpoints to listen on, such as `tcp/0.0.0.0:7447`; none = this host only.
+    pub listen: Vec<String>,
+    /// Zenoh endpoints to connect to.
+    pub connect: Vec<String>,
+    /// Be a router, so that ROS 2 nodes find each other through this program.
+    pub router: bool,
+    /// `ROS_DOMAIN_ID`.
+    pub domain_id: u32,
+    /// Which ROS 2 distributions are to see the topics.
+    pub profile: Profile,
+}
+
+impl Config {
+    /// Reads and checks a configuration.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no TOML, has unknown keys or values that make no sense; each says where.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
+        Self::from_toml(&text, path)
+    }
+
+    /// Reads and checks a configuration that `path` is said to hold.
+    ///
+    /// # Errors
+    /// As for [`Config::load`].
+    pub fn from_toml(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text)
+            .map_err(|source| ConfigError::Syntax { path: path.to_owned(), source: Box::new(source) })?;
+        config.check(path)?;
+        Ok(config)
+    }
+
+    /// Checks what types cannot.
+    ///
+    /// # Errors
+    /// A value makes no sense.
+    pub fn check(&self, path: &Path) -> Result<(), ConfigError> {
+        let wrong = |what: String| Err(ConfigError::Value { path: path.to_owned(), what });
+        if self.devices.is_empty() {
+            return wrong("there is no [[device]]: name at least one, or use --sim".to_owned());
+        }
+        if self.id.is_empty() || self.id.contains(['/', '*', '$', '#', '?', '%']) {
+            return wrong(format!("id = {:?}: letters, digits, - and _ make a key", self.id));
+        }
+        for (index, device) in self.devices.iter().enumerate() {
+            if device.name.is_empty() || device.name.contains('/') {
+                return wrong(format!("device {index}: name = {:?}: give it a name without slashes", device.name));
+            }
+            if !(0.0..=1e6).contains(&device.latency_us) {
+                return wrong(format!("{}: latency_us = {}: 0 to 1000000", device.name, device.latency_us));
+            }
+            for other in self.devices.iter().take(index) {
+                if other.name == device.name {
+                    return wrong(format!("two devices are named {:?}", device.name));
+                }
+                if other.driver.topic() == device.driver.topic() {
+                    let (topic, first, second) = (device.driver.topic(), &other.name, &device.name);
+                    return wrong(format!("{first} and {second} would both fill {topic}"));
+                }
+            }
+        }
+        for (name, pose) in [
+            ("aria_device_from_tcp", &self.frames.aria_device_from_tcp),
+            ("tcp_from_ft_sensor", &self.frames.tcp_from_ft_sensor),
+        ] {
+            let norm = pose.quaternion_xyzw.iter().map(|part| part * part).sum::<f64>().sqrt();
+            if !((norm - 1.0).abs() < 1e-3 && pose.position_m.iter().all(|part| part.is_finite())) {
+                return wrong(format!("frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"));
+            }
+        }
+        if !(10..=200).contains(&self.recording.flush_period_ms) {
+            return wrong(format!("recording.flush_period_ms = {}: 10 to 200", self.recording.flush_period_ms));
+        }
+        if !(100..=60_000).contains(&self.recording.sync_period_ms) {
+            return wrong(format!("recording.sync_period_ms = {}: 100 to 60000", self.recording.sync_period_ms));
+        }
+        Ok(())
+    }
+}
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}; give another with --config, or use --sim", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// No TOML, a value of the wrong type, or a key that is not known.
+    #[error("{}: {source}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Where and what.
+        source: Box<toml::de::Error>,
+    },
+    /// A value makes no sense.
+    #[error("{}: {what}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Key, value and what is wanted.
+        what: String,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+        id = "blue"
+        [[device]]
+        name = "ft_sensor"
+        driver = "bota_serial"
+        port = "/dev/ttyUSB0"
+        [[device]]
+        name = "gripper"
+        driver = "dynamixel"
+        port = "/dev/ttyUSB1"
+    "#;
+
+    fn refusal(text: &str) -> String {
+        Config::from_toml(text, Path::new("capture.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_short_configuration_is_enough() {
+        let config = Config::from_toml(GOOD, Path::new("capture.toml")).unwrap();
+        assert_eq!(config.devices.len(), 2);
+        assert_eq!(config.recording.flush_period_ms, 100);
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_line() {
+        let text = refusal(&GOOD.replace("port = \"/dev/ttyUSB1\"", "prot = \"/dev/ttyUSB1\""));
+        assert!(text.contains("prot") && text.contains("line") && text.contains("port"), "{text}");
+    }
+
+    #[test]
+    fn an_unknown_driver_is_answered_with_the_known_ones() {
+        let text = refusal(&GOOD.replace("dynamixel", "dynamixle"));
+        assert!(text.contains("dynamixle") && text.contains("robotous_can"), "{text}");
+    }
+
+    #[test]
+    fn two_devices_may_not_fill_one_topic() {
+        let text = refusal(&GOOD.replace("dynamixel", "robotous_can"));
+        assert!(text.contains("ft_sensor and gripper would both fill /ft/wrench"), "{text}");
+    }
+
+    #[test]
+    fn no_device_is_refused_with_a_way_out() {
+        assert!(refusal("id = \"blue\"").contains("--sim"));
+    }
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        assert!(refusal(&format!("{GOOD}\n[recording]\nflush_period_ms = 900")).contains("10 to 200"));
+        let bent = "[frames.tcp_from_ft_sensor]\nposition_m=[0,0,0]\nquaternion_xyzw=[0,0,0,2]";
+        assert!(refusal(&format!("{GOOD}\n{bent}")).contains("norm 2"));
+    }
+}

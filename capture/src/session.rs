@@ -1,0 +1,170 @@
+//! A session: devices in, recording and live topics out.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ft_drivers::LinkError;
+use ft_recording::calibration::Calibration;
+use ft_recording::writer::WriterOptions;
+use ft_wire::HostTime;
+
+use crate::config::{Config, ConfigError};
+use crate::encode::static_transforms;
+use crate::health::Health;
+use crate::ledger::{StreamCounters, StreamLedger};
+use crate::sink::SinkError;
+use crate::sink::mcap::Preamble;
+use crate::summary::Summary;
+
+pub mod control;
+pub mod link_loop;
+pub mod live;
+pub mod replay;
+pub mod stepped;
+
+/// What a session is to do.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Devices, frames, calibration, network.
+    pub config: Config,
+    /// The recording; `None` only publishes.
+    pub record: Option<PathBuf>,
+    /// Replace an existing recording.
+    pub overwrite: bool,
+    /// Stop after this time.
+    pub duration: Option<Duration>,
+    /// Whether to publish on the network.
+    pub publish: bool,
+}
+
+/// Why a session could not begin or had to end early. What was recorded is kept.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SessionError {
+    /// The configuration makes no sense.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A driver's settings make no sense.
+    #[error("{device}: settings of {driver}: {what}")]
+    Settings {
+        /// The device's name.
+        device: String,
+        /// Its driver.
+        driver: &'static str,
+        /// Which key, and what is wanted.
+        what: String,
+    },
+    /// There is no link to a simulated or replayed device.
+    #[error("{device}: its driver finds no link of its kind")]
+    NoSuchLink {
+        /// The device's name.
+        device: String,
+    },
+    /// The recording that is to be read cannot be.
+    #[error(transparent)]
+    Read(#[from] ft_recording::error::ReadError),
+    /// The recording has nothing to replay.
+    #[error("{path}: {what}")]
+    NotReplayable {
+        /// The recording.
+        path: String,
+        /// What is missing, and why.
+        what: &'static str,
+    },
+    /// The calibration makes no sense.
+    #[error("calibration: {0}")]
+    Calibration(#[from] ft_recording::error::CalibrationError),
+    /// A device cannot be reached.
+    #[error("{device}: {source}")]
+    Link {
+        /// The device's name.
+        device: String,
+        /// What failed.
+        source: LinkError,
+    },
+    /// The recording or the network failed.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// The simulation cannot be run.
+    #[error("simulation: {0}")]
+    Simulation(String),
+    /// A thread could not be started.
+    #[error("a thread could not be started")]
+    Thread(#[source] std::io::Error),
+    /// A thread ended in a way that should be impossible.
+    #[error("the {0} thread panicked: please report this; what was flushed is in the .partial file")]
+    Panicked(&'static str),
+}
+
+impl From<ft_recording::writer::WriteError> for SessionError {
+    fn from(error: ft_recording::writer::WriteError) -> Self {
+        Self::Sink(SinkError::Recording(error))
+    }
+}
+
+impl Plan {
+    /// How the recording is written.
+    #[must_use]
+    pub fn writer_options(&self) -> WriterOptions {
+        WriterOptions {
+            overwrite: self.overwrite,
+            flush_period: Duration::from_millis(self.config.recording.flush_period_ms),
+            ..WriterOptions::default()
+        }
+    }
+
+    /// What the recording says about itself.
+    #[must_use]
+    ///
+    /// # Errors
+    /// The calibration makes no sense.
+    pub fn preamble(&self, start: HostTime, clock: &str) -> Result<Preamble, SessionError> {
+        let session = BTreeMap::from([
+            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+            ("id".to_owned(), self.config.id.clone()),
+            ("clock".to_owned(), clock.to_owned()),
+            ("clock_anchor_unix_ns".to_owned(), start.as_nanos().to_string()),
+            ("config".to_owned(), toml::to_string(&self.config).unwrap_or_default()),
+        ]);
+        let calibration = self.config.calibration.as_ref().map(Calibration::to_metadata).transpose()?;
+        Ok(Preamble {
+            session,
+            calibration,
+            static_transforms: static_transforms(&self.config.frames, start),
+            start,
+            devices: self.config.devices.iter().map(|device| device.name.clone()).collect(),
+        })
+    }
+}
+
+/// Nothing is known yet of the plan's devices.
+fn health(plan: &Plan, counters: &[Arc<StreamCounters>]) -> Health {
+    let named = plan.config.devices.iter().zip(counters);
+    Health::new(named.map(|(device, counters)| (device.name.clone(), device.driver.name(), Arc::clone(counters))).collect())
+}
+
+/// The metadata `ft.ledger`: one JSON object for each stream.
+#[must_use]
+pub fn ledger_metadata(health: &Health) -> BTreeMap<String, String> {
+    health
+        .summary()
+        .iter()
+        .map(|stream| (stream.name.clone(), serde_json::to_string(&stream.ledger).unwrap_or_default()))
+        .collect()
+}
+
+/// The summary of a session that ran from `start` to `end`.
+#[must_use]
+pub fn summarize(health: &Health, own: StreamLedger, start: HostTime, end: HostTime, file: Option<FileSummary>) -> Summary {
+    Summary {
+        duration_s: end.seconds_since(start),
+        streams: health.summary(),
+        own_drops: own.drops,
+        own_view_drops: own.view_drops,
+        file,
+    }
+}
+
+pub use crate::summary::FileSummary;

@@ -1,0 +1,88 @@
+//! A device's acquisition thread: turns its pump until it is told to stop, and reopens a link that was lost.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use ft_drivers::device::Counted;
+use ft_drivers::link::record::RawFrame;
+use ft_drivers::pump::{Outlet, Pump};
+use ft_drivers::reading::{Counts, DeviceEvent, Reading};
+use ft_drivers::{Clock, Device, Link, LinkError, MonotonicClock};
+
+use crate::channel::{Channel, Intake};
+use crate::ledger::StreamCounters;
+
+/// The longest time without a look at the stop flag.
+const TURN: Duration = Duration::from_millis(20);
+/// First and longest wait between two tries to reopen a link.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(2));
+
+/// What a link thread needs besides its pump.
+#[derive(Debug)]
+pub struct LinkThread<I> {
+    /// The host clock.
+    pub clock: MonotonicClock,
+    /// Where readings go.
+    pub channel: Channel<I>,
+    /// The device's account.
+    pub counters: Arc<StreamCounters>,
+    /// Set to end the thread.
+    pub stop: Arc<AtomicBool>,
+}
+
+impl<I: Intake> LinkThread<I> {
+    /// Runs until the stop flag is set; `reopen` makes a new pump after the link was lost.
+    pub fn run<D, L>(mut self, mut pump: Pump<D, L>, mut reopen: impl FnMut() -> Result<Pump<D, L>, LinkError>)
+    where
+        D: Device<Reading = Reading> + Counted,
+        D::Frame: RawFrame,
+        L: Link<Frame = D::Frame>,
+    {
+        let mut before = Counts::default();
+        loop {
+            let Err(error) = self.turn_until_stopped(&mut pump, before) else { return };
+            before = before + pump.counts();
+            self.report(DeviceEvent::Lost { reason: error.to_string() });
+            let Some(reopened) = self.reopen_until_stopped(&mut reopen) else { return };
+            pump = reopened;
+            self.channel.restart_clock();
+        }
+    }
+
+    fn turn_until_stopped<D, L>(&mut self, pump: &mut Pump<D, L>, before: Counts) -> Result<(), LinkError>
+    where
+        D: Device<Reading = Reading> + Counted,
+        D::Frame: RawFrame,
+        L: Link<Frame = D::Frame>,
+    {
+        while !self.stop.load(Ordering::Relaxed) {
+            let deadline = self.clock.now() + TURN;
+            pump.turn(&self.clock, deadline, &mut self.channel)?;
+            self.counters.set_driver_counts(before, pump.counts());
+        }
+        Ok(())
+    }
+
+    fn reopen_until_stopped<P>(&mut self, reopen: &mut impl FnMut() -> Result<P, LinkError>) -> Option<P> {
+        let mut back_off = BACK_OFF.0;
+        loop {
+            let until = self.clock.now() + back_off;
+            while self.clock.now() < until {
+                if self.stop.load(Ordering::Relaxed) {
+                    return None;
+                }
+                self.clock.wait_until(until.min(self.clock.now() + TURN));
+            }
+            match reopen() {
+                Ok(pump) => return Some(pump),
+                Err(_) => back_off = (back_off * 2).min(BACK_OFF.1),
+            }
+        }
+    }
+
+    fn report(&mut self, event: DeviceEvent) {
+        let at = self.clock.now();
+        Outlet::<ft_wire::Chunk>::reading(&mut self.channel, Reading::Event { at, event });
+    }
+}

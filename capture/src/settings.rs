@@ -1,0 +1,245 @@
+//! The drivers' own settings: `[device.settings]` of the configuration, checked, and the drivers made of them.
+
+use ft_drivers::device::Counted;
+use ft_drivers::options::{Sign, Startup};
+use ft_drivers::reading::Reading;
+use ft_drivers::robotous::{self, Filter, Scale};
+use ft_drivers::{Device as Protocol, bota_serial, dynamixel, pose_stream, robotous_can, robotous_uart};
+use ft_wire::bota_serial::BaudRate;
+use ft_wire::robotous_rft::CanIds;
+use ft_wire::{CanFrame, Chunk};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use crate::config::{Device, Driver};
+use crate::session::SessionError;
+
+/// Does something with a driver and the bus that it needs. Drivers differ in type, so this is generic.
+pub trait DriverUser {
+    /// What comes of it.
+    type Output;
+
+    /// For drivers of byte streams; `make` makes the driver anew after its link was lost.
+    fn serial<D>(self, make: impl Fn() -> D + Send + 'static, baud_bps: u32) -> Self::Output
+    where
+        D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static;
+
+    /// For drivers on CAN that listen to `ids`.
+    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    where
+        D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static;
+}
+
+/// Hands the driver that `device` names to `user`.
+///
+/// # Errors
+/// A setting is unknown or makes no sense.
+pub fn with_driver<U: DriverUser>(device: &Device, startup: Startup, user: U) -> Result<U::Output, SessionError> {
+    match device.driver {
+        Driver::BotaSerial => {
+            let settings: BotaSettings = read(device)?;
+            let config = settings.config(startup).map_err(|what| wrong(device, what))?;
+            Ok(user.serial(move || bota_serial::BotaSerial::new(config.clone()), settings.baud_bps))
+        }
+        Driver::RobotousCan => {
+            let settings: RobotousSettings = read(device)?;
+            let ids = CanIds { command: settings.command_id, first: settings.first_id, second: settings.second_id };
+            let config = robotous_can::Config { sensor: settings.config(startup), ids, ..Default::default() };
+            let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
+            Ok(user.can(move || robotous_can::RobotousCan::new(config.clone()), listened))
+        }
+        Driver::RobotousUart => {
+            let settings: RobotousSettings = read(device)?;
+            let config = robotous_uart::Config { sensor: settings.config(startup), baud_bps: settings.baud_bps };
+            Ok(user.serial(move || robotous_uart::RobotousUart::new(config.clone()), settings.baud_bps))
+        }
+        Driver::Dynamixel => {
+            let settings: DynamixelSettings = read(device)?;
+            let config = settings.config(startup);
+            Ok(user.serial(move || dynamixel::Dynamixel::new(config.clone()), settings.baud_bps))
+        }
+        Driver::PoseStream => {
+            let settings: PoseSettings = read(device)?;
+            Ok(user.serial(|| pose_stream::PoseStream::new(pose_stream::Config::default()), settings.baud_bps))
+        }
+    }
+}
+
+fn read<T: DeserializeOwned>(device: &Device) -> Result<T, SessionError> {
+    device.settings.clone().try_into().map_err(|error: toml::de::Error| wrong(device, error.message().to_owned()))
+}
+
+fn wrong(device: &Device, what: String) -> SessionError {
+    SessionError::Settings { device: device.name.clone(), driver: device.driver.name(), what }
+}
+
+/// The rate at which a Bota samples its gauges, before its filter.
+const GAUGE_RATE_HZ: f64 = 51_200.0;
+
+/// Settings of `bota_serial`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct BotaSettings {
+    baud_bps: u32,
+    /// The filter's length follows from it: 51 200 Hz divided by the rate, 51 to 4096.
+    rate_hz: f64,
+    chop: bool,
+    fast: bool,
+    fir_disable: bool,
+    temperature_compensation: bool,
+    sign: SignSetting,
+}
+
+impl Default for BotaSettings {
+    fn default() -> Self {
+        Self {
+            baud_bps: 460_800,
+            rate_hz: 800.0,
+            chop: false,
+            fast: false,
+            fir_disable: true,
+            temperature_compensation: false,
+            sign: SignSetting::default(),
+        }
+    }
+}
+
+impl BotaSettings {
+    fn config(&self, startup: Startup) -> Result<bota_serial::Config, String> {
+        let baud = BaudRate::from_bps(self.baud_bps).ok_or_else(|| {
+            format!("baud_bps = {}: 9600, 57600, 115200, 230400 or 460800", self.baud_bps)
+        })?;
+        if !(12.5..=1000.0).contains(&self.rate_hz) {
+            return Err(format!("rate_hz = {}: 12.5 to 1000", self.rate_hz));
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "51 to 4096 by the check above")]
+        let sinc_length = (GAUGE_RATE_HZ / self.rate_hz).round() as u16;
+        Ok(bota_serial::Config {
+            baud,
+            filter: ft_wire::bota_serial::Filter {
+                sinc_length,
+                chop: self.chop,
+                fast: self.fast,
+                fir_disable: self.fir_disable,
+            },
+            temperature_compensation: self.temperature_compensation,
+            sign: self.sign.into(),
+            startup,
+            ..bota_serial::Config::default()
+        })
+    }
+}
+
+/// Settings of `robotous_can` and `robotous_uart`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RobotousSettings {
+    rate_hz: u16,
+    /// 0: the sensor's own filter is off.
+    low_pass_hz: u16,
+    force_counts_per_newton: f64,
+    torque_counts_per_newton_metre: f64,
+    sign: SignSetting,
+    /// UART only.
+    baud_bps: u32,
+    /// CAN only.
+    command_id: u8,
+    /// CAN only.
+    first_id: u8,
+    /// CAN only.
+    second_id: u8,
+}
+
+impl Default for RobotousSettings {
+    fn default() -> Self {
+        let (sensor, ids) = (robotous::Config::default(), CanIds::default());
+        Self {
+            rate_hz: sensor.rate_hz,
+            low_pass_hz: 0,
+            force_counts_per_newton: sensor.scale.counts_per_newton,
+            torque_counts_per_newton_metre: sensor.scale.counts_per_newton_metre,
+            sign: SignSetting::default(),
+            baud_bps: robotous_uart::Config::default().baud_bps,
+            command_id: ids.command,
+            first_id: ids.first,
+            second_id: ids.second,
+        }
+    }
+}
+
+impl RobotousSettings {
+    fn config(&self, startup: Startup) -> robotous::Config {
+        robotous::Config {
+            rate_hz: self.rate_hz,
+            filter: match self.low_pass_hz {
+                0 => Filter::Off,
+                cut_off_hz => Filter::LowPass { cut_off_hz },
+            },
+            scale: Scale {
+                counts_per_newton: self.force_counts_per_newton,
+                counts_per_newton_metre: self.torque_counts_per_newton_metre,
+            },
+            sign: self.sign.into(),
+            startup,
+            ..robotous::Config::default()
+        }
+    }
+}
+
+/// Settings of `dynamixel`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct DynamixelSettings {
+    id: u8,
+    baud_bps: u32,
+    rate_hz: f64,
+}
+
+impl Default for DynamixelSettings {
+    fn default() -> Self {
+        Self { id: 1, baud_bps: 57_600, rate_hz: 50.0 }
+    }
+}
+
+impl DynamixelSettings {
+    fn config(&self, startup: Startup) -> dynamixel::Config {
+        dynamixel::Config {
+            id: self.id,
+            period: std::time::Duration::from_secs_f64(1.0 / self.rate_hz.clamp(1.0, 1000.0)),
+            startup,
+            ..dynamixel::Config::default()
+        }
+    }
+}
+
+/// Settings of `pose_stream`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct PoseSettings {
+    /// A USB CDC port ignores it.
+    baud_bps: u32,
+}
+
+impl Default for PoseSettings {
+    fn default() -> Self {
+        Self { baud_bps: 2_000_000 }
+    }
+}
+
+/// Which side's wrench a sensor reports.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum SignSetting {
+    #[default]
+    EnvironmentOnTool,
+    ToolOnEnvironment,
+}
+
+impl From<SignSetting> for Sign {
+    fn from(setting: SignSetting) -> Self {
+        match setting {
+            SignSetting::EnvironmentOnTool => Self::EnvironmentOnTool,
+            SignSetting::ToolOnEnvironment => Self::ToolOnEnvironment,
+        }
+    }
+}

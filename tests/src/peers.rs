@@ -1,0 +1,82 @@
+//! Other people's tools, from the Python package index, in a virtual environment under `target/`.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+use crate::programs::Finished;
+use crate::workspace_root;
+
+/// The environment's Python, or `None` after printing one line that says what `test` skips without it.
+///
+/// # Panics
+/// `FT_REQUIRE_PEERS` is set and the environment cannot be made: then nothing may be skipped.
+#[must_use]
+pub fn python(test: &str) -> Option<&'static Path> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    match PYTHON.get_or_init(make_environment) {
+        Ok(python) => Some(python),
+        Err(why) => {
+            assert!(std::env::var_os("FT_REQUIRE_PEERS").is_none(), "{test}: {why}");
+            eprintln!("skipped: {test}: {why}");
+            None
+        }
+    }
+}
+
+/// Runs `tests/peers/<script>` with `arguments`; `None` when there is no Python (one line was printed).
+///
+/// # Panics
+/// The script cannot be started.
+#[must_use]
+pub fn run<A: AsRef<std::ffi::OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Finished> {
+    let output = command(test, script, arguments)?.output();
+    match output {
+        Ok(output) => Some(Finished::new(script, &output)),
+        Err(error) => panic!("{script} cannot be started: {error}"),
+    }
+}
+
+/// The command for `tests/peers/<script>`; `None` when there is no Python (one line was printed).
+#[must_use]
+pub fn command<A: AsRef<std::ffi::OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Command> {
+    let mut command = Command::new(python(test)?);
+    command.arg(workspace_root().join("tests/peers").join(script)).args(arguments);
+    Some(command)
+}
+
+/// The folder of the environment's own programs, such as `rerun`.
+#[must_use]
+pub fn programs(test: &str) -> Option<&'static Path> {
+    python(test)?.parent()
+}
+
+/// Several test programs may come here at once: each makes the environment under a lock file's protection.
+fn make_environment() -> Result<PathBuf, String> {
+    let root = workspace_root();
+    let folder = root.join("target/peers");
+    let requirements = root.join("tests/peers/requirements.txt");
+    let wanted = std::fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
+    let python = folder.join("bin/python");
+    let stamp = folder.join("installed.txt");
+    std::fs::create_dir_all(root.join("target")).map_err(|error| error.to_string())?;
+    let lock = std::fs::File::create(root.join("target/peers.lock")).map_err(|error| error.to_string())?;
+    lock.lock().map_err(|error| error.to_string())?;
+    if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
+        return Ok(python);
+    }
+    eprintln!("installing the Python packages of {} into {}", requirements.display(), folder.display());
+    succeed(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
+    succeed(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
+    std::fs::write(&stamp, wanted).map_err(|error| error.to_string())?;
+    Ok(python)
+}
+
+fn succeed(command: &mut Command) -> Result<(), String> {
+    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let said = String::from_utf8_lossy(&output.stderr);
+    Err(format!("{command:?}: {}", said.lines().last().unwrap_or("failed")))
+}

@@ -1,0 +1,91 @@
+//! `ft-capture --sim --speed max`, as a user runs it.
+
+use std::path::Path;
+
+use ft_tests::{peers, programs};
+use serde_json::Value;
+use tempfile::tempdir;
+
+fn record(folder: &Path, name: &str, extra: &[&str]) -> programs::Finished {
+    let mut arguments = vec!["--sim", name, "--speed", "max", "--duration", "12s", "-o", "a.mcap", "--json"];
+    arguments.extend(extra);
+    programs::run("ft-capture", &arguments, folder)
+}
+
+#[test]
+fn every_built_in_scenario_records_without_a_loss() {
+    let scenarios = [
+        ("wood_door", 800.0),
+        ("metal_door", 1000.0),
+        ("drawer_light", 500.0),
+        ("drawer_loaded", 800.0),
+        ("sliding_door", 1000.0),
+        ("oven_door", 1000.0),
+    ];
+    for (name, _) in scenarios {
+        let folder = tempdir().unwrap();
+        let finished = record(folder.path(), name, &[]).expect_code(0);
+        let summary = finished.json();
+        let streams = summary["streams"].as_array().unwrap();
+        assert!(streams.iter().all(|stream| stream["gaps"] == 0 && stream["refused"] == 0), "{name}: {summary}");
+        assert!(folder.path().join("a.mcap").exists() && !folder.path().join("a.mcap.partial").exists());
+        assert!(folder.path().join("a.truth.json").exists());
+    }
+}
+
+#[test]
+fn one_seed_is_one_file_and_another_seed_another() {
+    let bytes = |seed: &str| {
+        let folder = tempdir().unwrap();
+        record(folder.path(), "wood_door", &["--seed", seed]).expect_code(0);
+        std::fs::read(folder.path().join("a.mcap")).unwrap()
+    };
+    let first = bytes("5");
+    assert!(first == bytes("5"), "the same seed gave another file");
+    assert!(first != bytes("6"), "another seed gave the same file");
+}
+
+#[test]
+fn an_existing_recording_is_kept_unless_forced() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("a.mcap"), "precious").unwrap();
+    record(folder.path(), "wood_door", &[]).expect_code(1).complains(&["a.mcap", "exists", "--force"]);
+    assert_eq!(std::fs::read(folder.path().join("a.mcap")).unwrap(), b"precious");
+    record(folder.path(), "wood_door", &["--force"]).expect_code(0);
+}
+
+#[test]
+fn other_peoples_tools_read_the_recording() {
+    let test = "other_peoples_tools_read_the_recording";
+    let folder = tempdir().unwrap();
+    record(folder.path(), "wood_door", &[]).expect_code(0);
+    let file = folder.path().join("a.mcap");
+    let Some(finished) = peers::run(test, "read_recording.py", &[&file]) else { return };
+    let counts = finished.expect_code(0).json();
+    assert!(counts["topics"]["/ft/wrench"].as_u64().or_else(|| counts["/ft/wrench"].as_u64()).is_some(), "{counts}");
+    let Some(bin) = peers::programs(test) else { return };
+    let rerun = std::process::Command::new(bin.join("rerun")).args(["mcap", "check"]).arg(&file).output().unwrap();
+    let said = String::from_utf8_lossy(&rerun.stderr);
+    assert!(rerun.status.success(), "{said}");
+}
+
+#[test]
+fn a_recording_replays_through_the_drivers_to_the_same_samples() {
+    let folder = tempdir().unwrap();
+    record(folder.path(), "metal_door", &[]).expect_code(0);
+    let summary =
+        programs::run("ft-capture", &["replay", "a.mcap", "-o", "b.mcap", "--json"], folder.path()).expect_code(0).json();
+    let report = |file: &str| {
+        let finished = programs::run("ft-capture", &["check", file, "--json"], folder.path()).expect_code(0);
+        finished.json()["topics"].clone()
+    };
+    let count = |topics: &Value, topic: &str| {
+        let list = topics.as_array().cloned().unwrap_or_default();
+        list.iter().find(|entry| entry["topic"] == topic).map(|entry| entry["messages"].clone())
+    };
+    let (before, after) = (report("a.mcap"), report("b.mcap"));
+    for topic in ["/ft/wrench", "/aria/pose", "/gripper/joint_states"] {
+        assert!(count(&before, topic).is_some(), "{topic}: {before}");
+        assert_eq!(count(&before, topic), count(&after, topic), "{topic}: {summary}");
+    }
+}
