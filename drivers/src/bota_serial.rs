@@ -19,12 +19,16 @@
 //! # Source
 //! hardware.md 2.1, see [`ft_wire::bota_serial`].
 
+mod boot_text;
+
 use std::collections::VecDeque;
 use std::time::Duration;
 
 pub use ft_wire::bota_serial::{BaudRate, Filter};
-use ft_wire::bota_serial::{self as wire, Ack, BootLine, Command, Sample, Status};
+use ft_wire::bota_serial::{self as wire, Ack, Command, Sample, Status};
 use ft_wire::{Chunk, DecodeError, HostTime, Parsed, Unwrapper, Wrench};
+
+use boot_text::BootText;
 
 use crate::device::{Counted, Device};
 use crate::framer::{Found, Framer};
@@ -32,7 +36,7 @@ use crate::link::RxStamps;
 use crate::options::{Sign, Startup};
 use crate::outbox::Outbox;
 use crate::reading::{
-    Counts, DeviceEvent, Identity, Quality, Reading, SampleInstant, WrenchReading,
+    Counts, DeviceEvent, Quality, Reading, SampleInstant, WrenchReading,
 };
 use crate::sequence::{Seen, Sequence};
 
@@ -391,55 +395,6 @@ impl Counted for BotaSerial {
             refused: self.framer.refused,
             duplicated: self.duplicated,
             skipped: self.framer.skipped,
-        }
-    }
-}
-
-/// Lines of text among the bytes that are no frame.
-#[derive(Debug)]
-struct BootText {
-    line: [u8; 64],
-    len: usize,
-    collected: Identity,
-    identity: Option<Identity>,
-    booted: bool,
-}
-
-impl BootText {
-    fn new() -> Self {
-        Self { line: [0; 64], len: 0, collected: Identity::default(), identity: None, booted: false }
-    }
-
-    fn push(&mut self, byte: u8) {
-        match byte {
-            b'\r' | b'\n' => {
-                self.end_of_line();
-                self.len = 0;
-            }
-            b' '..=b'~' => {
-                if let Some(slot) = self.line.get_mut(self.len) {
-                    *slot = byte;
-                    self.len += 1;
-                }
-            }
-            _ => self.len = 0,
-        }
-    }
-
-    fn end_of_line(&mut self) {
-        match wire::decode_boot_line(self.line.get(..self.len).unwrap_or_default()) {
-            None => {}
-            Some(BootLine::AppInit) => {
-                self.booted = true;
-                self.collected = Identity::default();
-            }
-            Some(BootLine::Name(name)) => name.clone_into(&mut self.collected.model),
-            Some(BootLine::SerialNumber(number)) => number.clone_into(&mut self.collected.serial_number),
-            // The last line of the boot text.
-            Some(BootLine::Firmware(version)) => {
-                version.clone_into(&mut self.collected.firmware);
-                self.identity = Some(core::mem::take(&mut self.collected));
-            }
         }
     }
 }

@@ -53,6 +53,13 @@ impl Framer {
         (self.start, self.end, self.locked, self.counting) = (0, 0, false, false);
     }
 
+    /// Gives up the bytes so far as skipped; lock and counters stay.
+    pub(crate) fn discard(&mut self) {
+        let left = u64::try_from(self.end - self.start).unwrap_or(0);
+        self.skipped += if self.counting { left } else { 0 };
+        (self.start, self.end) = (0, 0);
+    }
+
     /// From now on skipped bytes count: the stream has begun.
     pub(crate) const fn begin_counting(&mut self) {
         self.counting = true;

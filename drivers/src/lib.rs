@@ -6,13 +6,20 @@ pub mod bota_serial;
 pub mod clock;
 pub mod device;
 pub mod discover;
+pub mod dynamixel;
 mod framer;
 pub mod link;
 pub mod options;
 mod outbox;
-pub mod reading;
-mod sequence;
+pub mod pose_stream;
 pub mod pump;
+pub mod reading;
+pub mod robotous;
+pub mod robotous_can;
+pub mod robotous_uart;
+mod sequence;
+#[cfg(test)]
+mod test_support;
 pub mod translate;
 
 pub use clock::{Clock, MonotonicClock, SteppedClock};

@@ -1,6 +1,10 @@
 //! The contract of a link: it carries frames and says when they came.
 
+pub mod faults;
 pub mod record;
+pub mod replay;
+pub mod serial;
+pub mod socketcan;
 
 use ft_wire::HostTime;
 
@@ -55,6 +59,24 @@ pub enum LinkError {
     #[error("{port} does not exist: check the cable and the name (`ft-capture devices` lists what is there)")]
     NotFound {
         /// The port as it was opened.
+        port: String,
+    },
+    /// The network interface is not up.
+    #[error("{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100")]
+    Down {
+        /// The interface.
+        port: String,
+    },
+    /// The CAN controller went off the bus after too many errors.
+    #[error("{port} went bus-off: check bit rate, termination and wiring; without restart-ms it stays off")]
+    BusOff {
+        /// The interface.
+        port: String,
+    },
+    /// Frames pile up because nobody on the bus acknowledges them.
+    #[error("nobody acknowledges on {port}: check bit rate, termination, power")]
+    NoAcknowledge {
+        /// The interface.
         port: String,
     },
     /// The system refused a call.

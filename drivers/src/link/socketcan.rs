@@ -1,0 +1,199 @@
+//! CAN interfaces of the kernel.
+
+use std::io;
+use std::time::{Duration, SystemTime};
+
+use ft_wire::{CanFrame, HostTime};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use socketcan::timestamp::{
+    SOF_TIMESTAMPING_OPT_CMSG, SOF_TIMESTAMPING_RX_SOFTWARE, SOF_TIMESTAMPING_SOFTWARE,
+};
+use socketcan::{
+    CanDataFrame, CanFilter, CanFrame as KernelFrame, CanSocket, EmbeddedFrame as _, ExtendedId, Id,
+    Socket as _, SocketOptions as _, StandardId,
+};
+
+use crate::clock::{Clock, MonotonicClock};
+use crate::link::{Link, LinkError, RxStamps};
+
+/// Bits of `linux/can.h` and `linux/can/error.h`.
+mod bits {
+    pub(super) const STANDARD_MASK: u32 = 0x7FF;
+    pub(super) const EXTENDED: u32 = 0x8000_0000;
+    pub(super) const REMOTE: u32 = 0x4000_0000;
+    pub(super) const ALL_ERRORS: u32 = 0x1FFF_FFFF;
+    pub(super) const NO_ACKNOWLEDGE: u32 = 0x20;
+    pub(super) const BUS_OFF: u32 = 0x40;
+    pub(super) const RESTARTED: u32 = 0x100;
+}
+
+/// Error frames that came.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CanErrors {
+    /// All.
+    pub frames: u64,
+    /// A frame that we sent was not acknowledged.
+    pub no_acknowledge: u64,
+    /// The controller came back after bus-off.
+    pub restarted: u64,
+}
+
+/// An open CAN interface.
+///
+/// Arrivals are the kernel's software receive stamps, put onto the [`MonotonicClock`] by their age at the read; a step of
+/// the system's clock between stamp and read falsifies that one arrival. Error frames are counted; bus-off ends the link.
+#[derive(Debug)]
+pub struct SocketCanLink {
+    socket: CanSocket,
+    interface: String,
+    clock: MonotonicClock,
+    errors: CanErrors,
+    foreign: u64,
+    last_arrival: HostTime,
+}
+
+impl SocketCanLink {
+    /// Opens `interface` and takes frames with these 11-bit ids only; with no ids, all frames.
+    ///
+    /// # Errors
+    /// There is no such interface, or the system refuses a call (a kernel without CAN, for one).
+    pub fn open(interface: &str, standard_ids: &[u16], clock: MonotonicClock) -> Result<Self, LinkError> {
+        let failed = |call| move |source| link_error(interface, call, source);
+        let socket = CanSocket::open(interface).map_err(failed("open"))?;
+        if !standard_ids.is_empty() {
+            let mask = bits::STANDARD_MASK | bits::EXTENDED | bits::REMOTE;
+            let filters: Vec<_> = standard_ids.iter().map(|id| CanFilter::new(u32::from(*id), mask)).collect();
+            socket.set_filters(&filters).map_err(failed("set filters"))?;
+        }
+        socket.set_error_filter(bits::ALL_ERRORS).map_err(failed("set error filter"))?;
+        let stamps = SOF_TIMESTAMPING_RX_SOFTWARE | SOF_TIMESTAMPING_SOFTWARE | SOF_TIMESTAMPING_OPT_CMSG;
+        socket.set_timestamping(stamps).map_err(failed("set timestamping"))?;
+        socket.set_nonblocking(true).map_err(failed("set non-blocking"))?;
+        Ok(Self {
+            socket,
+            interface: interface.to_owned(),
+            clock,
+            errors: CanErrors::default(),
+            foreign: 0,
+            last_arrival: HostTime::EPOCH,
+        })
+    }
+
+    /// Error frames so far.
+    #[must_use]
+    pub const fn errors(&self) -> CanErrors {
+        self.errors
+    }
+
+    /// Remote frames so far, which no device here uses.
+    #[must_use]
+    pub const fn foreign(&self) -> u64 {
+        self.foreign
+    }
+
+    fn error(&self, call: &'static str, source: io::Error) -> LinkError {
+        link_error(&self.interface, call, source)
+    }
+
+    /// Waits until there is something to read, at most until `deadline`.
+    fn wait(&self, deadline: HostTime) -> Result<bool, LinkError> {
+        let left = deadline.saturating_since(self.clock.now()).min(Duration::from_secs(1));
+        let timeout = Timespec::try_from(left).unwrap_or_default();
+        let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
+        match poll(&mut fds, Some(&timeout)) {
+            Ok(ready) => Ok(ready > 0),
+            Err(Errno::INTR) => Ok(false),
+            Err(errno) => Err(self.error("poll", errno.into())),
+        }
+    }
+
+    #[allow(clippy::disallowed_methods, reason = "the kernel's stamps are on the system's clock")]
+    fn arrival(&mut self, stamp: Option<SystemTime>) -> HostTime {
+        let now = self.clock.now();
+        let age = stamp.and_then(|stamp| SystemTime::now().duration_since(stamp).ok()).unwrap_or_default();
+        self.last_arrival = (now - age).max(self.last_arrival).min(now);
+        self.last_arrival
+    }
+
+    /// The data frame, or `None` for what is only counted.
+    fn sort(&mut self, frame: KernelFrame) -> Result<Option<CanFrame>, LinkError> {
+        match frame {
+            KernelFrame::Data(data) => Ok(from_kernel(&data)),
+            KernelFrame::Remote(_) => {
+                self.foreign += 1;
+                Ok(None)
+            }
+            KernelFrame::Error(error) => {
+                let class = error.error_bits();
+                self.errors.frames += 1;
+                self.errors.no_acknowledge += u64::from(class & bits::NO_ACKNOWLEDGE != 0);
+                self.errors.restarted += u64::from(class & bits::RESTARTED != 0);
+                if class & bits::BUS_OFF != 0 {
+                    return Err(LinkError::BusOff { port: self.interface.clone() });
+                }
+                Ok(None)
+            }
+        }
+    }
+}
+
+fn link_error(interface: &str, call: &'static str, source: io::Error) -> LinkError {
+    let port = interface.to_owned();
+    match source.raw_os_error().map(Errno::from_raw_os_error) {
+        Some(Errno::NODEV | Errno::NXIO) if call == "open" => LinkError::NotFound { port },
+        Some(Errno::NODEV | Errno::NXIO) => LinkError::Gone { port },
+        Some(Errno::NETDOWN) => LinkError::Down { port },
+        Some(Errno::NOBUFS) => LinkError::NoAcknowledge { port },
+        Some(Errno::ACCESS | Errno::PERM) => LinkError::Denied { port },
+        _ => LinkError::Io { call, port, source },
+    }
+}
+
+fn from_kernel(frame: &CanDataFrame) -> Option<CanFrame> {
+    match frame.id() {
+        Id::Standard(id) => CanFrame::standard(id.as_raw(), frame.data()),
+        Id::Extended(id) => CanFrame::extended(id.as_raw(), frame.data()),
+    }
+}
+
+fn to_kernel(frame: &CanFrame) -> Option<CanDataFrame> {
+    let id = if frame.is_extended() {
+        Id::Extended(ExtendedId::new(frame.arbitration_id())?)
+    } else {
+        Id::Standard(StandardId::new(u16::try_from(frame.arbitration_id()).ok()?)?)
+    };
+    CanDataFrame::new(id, frame.payload())
+}
+
+impl Link for SocketCanLink {
+    type Frame = CanFrame;
+
+    fn recv(&mut self, deadline: HostTime) -> Result<Option<(CanFrame, RxStamps)>, LinkError> {
+        loop {
+            match self.socket.read_frame_with_timestamps() {
+                Ok((frame, stamps)) => {
+                    let arrival = self.arrival(stamps.sw);
+                    if let Some(frame) = self.sort(frame)? {
+                        return Ok(Some((frame, RxStamps { arrival })));
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    if !self.wait(deadline)? && self.clock.now() >= deadline {
+                        return Ok(None);
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.error("read", error)),
+            }
+        }
+    }
+
+    fn send(&mut self, frame: &CanFrame) -> Result<(), LinkError> {
+        let Some(frame) = to_kernel(frame) else { return Ok(()) };
+        self.socket.write_frame(&frame).map_err(|error| self.error("write", error))
+    }
+}
+
+#[cfg(test)]
+mod tests;

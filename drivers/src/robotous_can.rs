@@ -1,0 +1,155 @@
+//! Robotous RFT sensors on CAN, 1 Mbit/s.
+//!
+//! A response is two frames; they carry nothing that says they belong together. The second half must be the next frame
+//! of the sensor and come within [`Config::pairing_timeout`]: halves of different samples never join. A first half
+//! without its second is one refused frame; a second half without a first is skipped.
+//!
+//! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
+
+use std::time::Duration;
+
+pub use ft_wire::robotous_rft::CanIds;
+use ft_wire::robotous_rft::{self as wire, Half};
+use ft_wire::{CanFrame, DecodeError, HostTime};
+
+use crate::device::{Counted, Device};
+use crate::link::RxStamps;
+use crate::reading::{Counts, Reading};
+use crate::robotous::{self, Protocol};
+
+const CHECKS: &str = "check bit rate (1 Mbit/s), termination, power and the ids";
+
+/// How to find and set up the sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// What both buses share: rate, filter, scale, sign, timeouts.
+    pub sensor: robotous::Config,
+    /// CAN ids. Default 0x64 to the sensor, 0x01 and 0x02 from it.
+    pub ids: CanIds,
+    /// Longest time between the halves of a response. Default 5 ms; on the wire it is 0.13 ms.
+    pub pairing_timeout: Duration,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            sensor: robotous::Config::default(),
+            ids: CanIds::default(),
+            pairing_timeout: Duration::from_millis(5),
+        }
+    }
+}
+
+/// The driver.
+#[derive(Debug)]
+pub struct RobotousCan {
+    config: Config,
+    protocol: Protocol,
+    first: Option<([u8; 8], HostTime)>,
+    refused: u64,
+    skipped: u64,
+}
+
+impl RobotousCan {
+    /// A driver that begins at its first `handle_timeout`.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let protocol = Protocol::new(config.sensor, CHECKS);
+        Self { config, protocol, first: None, refused: 0, skipped: 0 }
+    }
+
+    /// Counts a frame that is lost to us, once samples flow.
+    fn refuse(&mut self) {
+        self.refused += u64::from(self.protocol.is_streaming());
+    }
+
+    fn on_second(&mut self, second: [u8; 8], at: HostTime) -> Result<(), DecodeError> {
+        let Some((first, first_at)) = self.first.take() else {
+            self.skipped += u64::from(self.protocol.is_streaming());
+            return Ok(());
+        };
+        if at.saturating_since(first_at) > self.config.pairing_timeout {
+            self.refuse();
+            self.skipped += u64::from(self.protocol.is_streaming());
+            return Ok(());
+        }
+        match wire::join(first, second) {
+            Ok(response) => {
+                self.protocol.on_response(response, at);
+                Ok(())
+            }
+            Err(error) => {
+                self.refuse();
+                Err(error)
+            }
+        }
+    }
+}
+
+impl Device for RobotousCan {
+    type Frame = CanFrame;
+    type Reading = Reading;
+
+    fn handle_frame(&mut self, frame: &CanFrame, stamps: RxStamps) -> Result<(), DecodeError> {
+        let at = stamps.arrival;
+        match wire::decode_half(self.config.ids, frame) {
+            Ok(Half::First(data)) => {
+                if self.first.replace((data, at)).is_some() {
+                    self.refuse();
+                }
+                self.protocol.on_traffic(at);
+                Ok(())
+            }
+            Ok(Half::Second(data)) => self.on_second(data, at),
+            // Another device's frame on the same bus.
+            Err(DecodeError::Field { .. }) => {
+                self.skipped += u64::from(self.protocol.is_streaming());
+                Ok(())
+            }
+            Err(error) => {
+                // Ours, but too short: whatever waited for it is lost with it.
+                self.first = None;
+                self.refuse();
+                Err(error)
+            }
+        }
+    }
+
+    fn handle_timeout(&mut self, now: HostTime) {
+        if let Some((_, first_at)) = self.first
+            && now.saturating_since(first_at) > self.config.pairing_timeout
+        {
+            self.first = None;
+            self.refuse();
+        }
+        self.protocol.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<HostTime> {
+        let pairing = self.first.map(|(_, at)| at + self.config.pairing_timeout + Duration::from_nanos(1));
+        let protocol = self.protocol.poll_timeout();
+        Some(pairing.map_or(protocol, |pairing| pairing.min(protocol)))
+    }
+
+    fn poll_transmit(&mut self, _now: HostTime) -> Option<CanFrame> {
+        Some(wire::command_frame(self.config.ids, self.protocol.poll_transmit()?))
+    }
+
+    fn poll_reading(&mut self) -> Option<Reading> {
+        self.protocol.poll_reading()
+    }
+}
+
+impl Counted for RobotousCan {
+    fn counts(&self) -> Counts {
+        Counts {
+            received: self.protocol.received,
+            refused: self.refused,
+            skipped: self.skipped,
+            ..Counts::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
