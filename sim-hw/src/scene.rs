@@ -65,8 +65,6 @@ pub(crate) struct Sight {
     pub(crate) wrench: [f64; 6],
     #[cfg_attr(not(test), allow(dead_code, reason = "tests compare it with the object's equation of motion"))]
     pub(crate) moment: crate::world::Moment,
-    #[cfg_attr(not(test), allow(dead_code, reason = "tests compare its work with the effort"))]
-    pub(crate) contact: ContactWrench,
 }
 
 #[derive(Debug)]
@@ -159,7 +157,7 @@ impl Scene {
                 (tcp, self.grip.wrench(&self.setting.joint, tcp.position, moment.tool_effort, t))
             }
         };
-        Sight { tcp, wrench: self.tool.sensor_wrench(&tcp, &contact), moment, contact }
+        Sight { tcp, wrench: self.tool.sensor_wrench(&tcp, &contact), moment }
     }
 
     /// Jaw opening and its rate at `t`, m and m/s.

@@ -177,9 +177,4 @@ impl Simulation {
     pub(crate) fn slots(&self) -> &[Slot] {
         &self.slots
     }
-
-    #[cfg(test)]
-    pub(crate) fn scene(&self) -> &Scene {
-        &self.scene
-    }
 }

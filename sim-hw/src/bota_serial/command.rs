@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn nonsense_is_refused_as_soon_as_it_shows() {
         assert_eq!(fed("xyz"), (Scanned::Never, 1));
-        assert_eq!(fed("cc,1"), (Scanned::Never, 3));
+        assert_eq!(fed("cc,1"), (Scanned::Never, 2));
         assert_eq!(fed("c,0,1,0,x").0, Scanned::Never);
         assert_eq!(scan(&[0xFF]), Scanned::Never);
     }

@@ -62,7 +62,9 @@ fn cycle(occasion: &Occasion, seconds: f64, random: &mut Random) -> Vec<Segment>
     let fixed = strokes.iter().chain(&shakes).chain(&following).map(Segment::seconds).sum::<f64>() + close + hold;
     // The slow passes take what is left.
     let each = 0.5 * (seconds - fixed);
-    let slow = [occasion.at(0.98), occasion.at(0.015)].map(|to| Segment::Reach { to, seconds: each });
+    // In a short run they go no further than the top rate takes them.
+    let reach = each * occasion.top_rate / (PEAK_RATE * (occasion.open - occasion.closed));
+    let slow = [occasion.at(reach.min(0.98)), occasion.at(0.015)].map(|to| Segment::Reach { to, seconds: each });
     let mut plan = slow.to_vec();
     plan.extend(strokes);
     plan.extend(shakes);
@@ -104,6 +106,9 @@ fn strokes(occasion: &Occasion, budget: f64, random: &mut Random) -> Vec<Segment
 }
 
 fn shakes(occasion: &Occasion, budget: f64, random: &mut Random) -> Vec<Segment> {
+    if budget < 1.2 {
+        return Vec::new();
+    }
     let places = ((budget / 3.2).round() as usize).clamp(1, 4);
     let each = budget / places as f64;
     let mut plan = Vec::new();
