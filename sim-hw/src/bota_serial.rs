@@ -103,7 +103,11 @@ impl BotaSerial {
 
     fn run_from(&mut self, at: SimNanos) {
         self.mode = Mode::Run;
-        self.cadence = Cadence::starting(at + 400_000, 51_200.0 / f64::from(self.settings.sinc), &self.clock);
+        self.cadence = Cadence::starting(
+            at + 400_000,
+            51_200.0 / f64::from(self.settings.sinc),
+            &self.clock,
+        );
     }
 
     fn sample(&mut self, at: SimNanos, scene: &Scene, out: &mut Outbox<Chunk>) {
@@ -121,13 +125,19 @@ impl BotaSerial {
         if (0..6).any(over) {
             status |= OVERRANGE;
         }
-        let mut values: [f32; 6] = std::array::from_fn(|axis| (read[axis] + self.settings.offset[axis]) as f32);
+        let mut values: [f32; 6] =
+            std::array::from_fn(|axis| (read[axis] + self.settings.offset[axis]) as f32);
         if self.settings.calibrated == 0 {
             status |= RAW;
             // Gauge units of our own choosing; nobody takes them for newtons.
             values = values.map(|value| value * 1234.5);
         }
-        let frame = encode(status, values, self.clock.reading_ns(at), self.sensor.temperature(t) as f32);
+        let frame = encode(
+            status,
+            values,
+            self.clock.reading_ns(at),
+            self.sensor.temperature(t) as f32,
+        );
         self.line_free = at + FRAME_LENGTH as i64 * 10_000_000_000 / i64::from(self.baud());
         push_bytes(out, at, &frame);
     }
@@ -136,12 +146,23 @@ impl BotaSerial {
         self.settings = self.saved;
         self.mode = Mode::Boot;
         self.inbox.clear();
-        let Settings { temperature_compensation, calibrated, baud_code, .. } = self.saved;
+        let Settings {
+            temperature_compensation,
+            calibrated,
+            baud_code,
+            ..
+        } = self.saved;
         let millis = |after: i64| at + after * 1_000_000;
         self.script = VecDeque::from([
-            (millis(120), format!("c,{temperature_compensation},{calibrated},0,{baud_code}\r\n")),
+            (
+                millis(120),
+                format!("c,{temperature_compensation},{calibrated},0,{baud_code}\r\n"),
+            ),
             (millis(350), "App Init\r\n".to_owned()),
-            (millis(360), "name: BFT-SENS-SER-M8\r\nS/N: 000417\r\nFW version: 2.1.4\r\n".to_owned()),
+            (
+                millis(360),
+                "name: BFT-SENS-SER-M8\r\nS/N: 000417\r\nFW version: 2.1.4\r\n".to_owned(),
+            ),
             (millis(600), String::new()),
         ]);
     }
@@ -204,9 +225,17 @@ impl BotaSerial {
     }
 
     fn printed(&self) -> String {
-        let Settings { sinc, filter_flags: [chop, fast, fir], temperature_compensation, calibrated, baud_code, .. } =
-            self.settings;
-        format!("c,{temperature_compensation},{calibrated},0,{baud_code}\r\nf,{sinc},{chop},{fast},{fir}\r\n")
+        let Settings {
+            sinc,
+            filter_flags: [chop, fast, fir],
+            temperature_compensation,
+            calibrated,
+            baud_code,
+            ..
+        } = self.settings;
+        format!(
+            "c,{temperature_compensation},{calibrated},0,{baud_code}\r\nf,{sinc},{chop},{fast},{fir}\r\n"
+        )
     }
 }
 
@@ -223,7 +252,9 @@ impl Played<Chunk> for BotaSerial {
         match self.mode {
             Mode::Run => self.sample(at, scene, out),
             Mode::Boot => {
-                let Some((_, text)) = self.script.pop_front() else { return };
+                let Some((_, text)) = self.script.pop_front() else {
+                    return;
+                };
                 push_bytes(out, at, text.as_bytes());
                 if text.starts_with("App Init") {
                     // The first line comes at the factory rate on a real sensor; here all text comes at one rate.

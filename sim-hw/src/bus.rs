@@ -63,7 +63,12 @@ pub(crate) struct Line {
 
 impl Line {
     pub(crate) fn new(bits_per_second: u32, random: Random) -> Self {
-        Self { bits_per_second: f64::from(bits_per_second), free_at: 0, last_arrival: 0, random }
+        Self {
+            bits_per_second: f64::from(bits_per_second),
+            free_at: 0,
+            last_arrival: 0,
+            random,
+        }
     }
 
     /// When a frame that is ready at `ready` has arrived whole.
@@ -177,7 +182,10 @@ impl<F: Carried> Port<F> {
         let now = self.time.now();
         let mut queues = self.lock();
         let bits = f64::from(frame.bits());
-        let there = queues.host_line_free.max(now).offset_by_seconds(bits / queues.bits_per_second);
+        let there = queues
+            .host_line_free
+            .max(now)
+            .offset_by_seconds(bits / queues.bits_per_second);
         queues.host_line_free = there;
         queues.to_device.push_back((there, frame));
     }
@@ -201,23 +209,43 @@ impl<F: Carried> Port<F> {
         let mut queues = self.lock();
         loop {
             if self.closed.load(Ordering::Relaxed) {
-                return Err(LinkError::Gone { port: self.name.clone() });
+                return Err(LinkError::Gone {
+                    port: self.name.clone(),
+                });
             }
-            let first = queues.to_host.front().map(|(arrival, _)| *arrival).filter(|arrival| *arrival <= deadline);
+            let first = queues
+                .to_host
+                .front()
+                .map(|(arrival, _)| *arrival)
+                .filter(|arrival| *arrival <= deadline);
             let TimeSource::Live(clock) = &self.time else {
-                let Some(arrival) = first else { return Ok(None) };
-                return Ok(queues.to_host.pop_front().map(|(_, frame)| (frame, RxStamps { arrival })));
+                let Some(arrival) = first else {
+                    return Ok(None);
+                };
+                return Ok(queues
+                    .to_host
+                    .pop_front()
+                    .map(|(_, frame)| (frame, RxStamps { arrival })));
             };
             let now = clock.now();
             match first {
                 Some(arrival) if arrival <= now => {
-                    return Ok(queues.to_host.pop_front().map(|(_, frame)| (frame, RxStamps { arrival })));
+                    return Ok(queues
+                        .to_host
+                        .pop_front()
+                        .map(|(_, frame)| (frame, RxStamps { arrival })));
                 }
                 None if now >= deadline => return Ok(None),
                 _ => {
                     let wake = first.unwrap_or(deadline).min(deadline);
-                    let wait = wake.saturating_since(now).clamp(Duration::from_micros(20), Duration::from_millis(50));
-                    queues = self.arrived.wait_timeout(queues, wait).unwrap_or_else(PoisonError::into_inner).0;
+                    let wait = wake
+                        .saturating_since(now)
+                        .clamp(Duration::from_micros(20), Duration::from_millis(50));
+                    queues = self
+                        .arrived
+                        .wait_timeout(queues, wait)
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .0;
                 }
             }
         }
@@ -253,7 +281,9 @@ impl<F: Carried> Link for SimLink<F> {
 
     fn send(&mut self, frame: &F) -> Result<(), LinkError> {
         if self.port.closed.load(Ordering::Relaxed) {
-            return Err(LinkError::Gone { port: self.port.name.clone() });
+            return Err(LinkError::Gone {
+                port: self.port.name.clone(),
+            });
         }
         self.port.send(*frame);
         Ok(())
@@ -290,16 +320,31 @@ mod tests {
     #[test]
     fn a_stepped_link_gives_what_arrives_by_the_deadline() {
         let clock = SteppedClock::new(HostTime::from_nanos(1000));
-        let port = Arc::new(Port::<CanFrame>::new("can", 1_000_000, TimeSource::Stepped(clock)));
+        let port = Arc::new(Port::<CanFrame>::new(
+            "can",
+            1_000_000,
+            TimeSource::Stepped(clock),
+        ));
         let mut link = SimLink::new(port.clone());
         let frame = CanFrame::standard(1, &[1, 2]).unwrap();
         port.deliver(HostTime::from_nanos(5000), frame);
         assert_eq!(link.recv(HostTime::from_nanos(4999)).unwrap(), None);
-        let stamps = RxStamps { arrival: HostTime::from_nanos(5000) };
-        assert_eq!(link.recv(HostTime::from_nanos(5000)).unwrap(), Some((frame, stamps)));
+        let stamps = RxStamps {
+            arrival: HostTime::from_nanos(5000),
+        };
+        assert_eq!(
+            link.recv(HostTime::from_nanos(5000)).unwrap(),
+            Some((frame, stamps))
+        );
         link.send(&frame).unwrap();
-        assert_eq!(port.next_to_device(), Some(HostTime::from_nanos(1000 + 69_000)));
+        assert_eq!(
+            port.next_to_device(),
+            Some(HostTime::from_nanos(1000 + 69_000))
+        );
         port.close();
-        assert!(matches!(link.recv(HostTime::FAR_FUTURE), Err(LinkError::Gone { .. })));
+        assert!(matches!(
+            link.recv(HostTime::FAR_FUTURE),
+            Err(LinkError::Gone { .. })
+        ));
     }
 }

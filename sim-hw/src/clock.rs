@@ -14,7 +14,10 @@ pub(crate) struct DeviceClock {
 
 impl DeviceClock {
     pub(crate) fn new(spec: &ClockSpec, drawn_s: f64) -> Self {
-        Self { reads_ns: spec.reads_s.unwrap_or(drawn_s) * 1e9, rate: 1.0 + spec.skew_ppm * 1e-6 }
+        Self {
+            reads_ns: spec.reads_s.unwrap_or(drawn_s) * 1e9,
+            rate: 1.0 + spec.skew_ppm * 1e-6,
+        }
     }
 
     /// What it shows at `at`, ns, not wrapped.
@@ -38,7 +41,11 @@ pub(crate) struct Cadence {
 
 impl Cadence {
     pub(crate) fn starting(first: SimNanos, rate_hz: f64, clock: &DeviceClock) -> Self {
-        Self { first, period_ns: clock.host_ns(1.0 / rate_hz), count: 0 }
+        Self {
+            first,
+            period_ns: clock.host_ns(1.0 / rate_hz),
+            count: 0,
+        }
     }
 
     pub(crate) fn next(&self) -> SimNanos {
@@ -56,14 +63,26 @@ mod tests {
 
     #[test]
     fn a_fast_clock_gains_on_the_host() {
-        let clock = DeviceClock::new(&ClockSpec { reads_s: Some(2.0), skew_ppm: 100.0 }, 0.0);
+        let clock = DeviceClock::new(
+            &ClockSpec {
+                reads_s: Some(2.0),
+                skew_ppm: 100.0,
+            },
+            0.0,
+        );
         assert_eq!(clock.reading_ns(0), 2_000_000_000);
         assert_eq!(clock.reading_ns(10_000_000_000), 12_001_000_000);
     }
 
     #[test]
     fn a_cadence_does_not_drift_from_its_clock() {
-        let clock = DeviceClock::new(&ClockSpec { reads_s: Some(0.0), skew_ppm: 50.0 }, 0.0);
+        let clock = DeviceClock::new(
+            &ClockSpec {
+                reads_s: Some(0.0),
+                skew_ppm: 50.0,
+            },
+            0.0,
+        );
         let mut cadence = Cadence::starting(500, 800.0, &clock);
         for _ in 0..80_000 {
             cadence.tick();

@@ -26,13 +26,19 @@ const WRITE: u8 = 0x03;
 const SYNC_READ: u8 = 0x82;
 const BROADCAST: u8 = 0xFE;
 
-const BAUDS: [u32; 7] = [9600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000];
+const BAUDS: [u32; 7] = [
+    9600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000,
+];
 /// The rates of [`BAUDS`], for people.
-pub(crate) const BAUDS_TEXT: &str = "one of 9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000";
+pub(crate) const BAUDS_TEXT: &str =
+    "one of 9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000";
 
 /// The code of a line rate.
 pub(crate) fn baud_code(baud_bps: u32) -> Option<u8> {
-    BAUDS.iter().position(|baud| *baud == baud_bps).map(|code| code as u8)
+    BAUDS
+        .iter()
+        .position(|baud| *baud == baud_bps)
+        .map(|code| code as u8)
 }
 
 /// Error numbers of a status packet.
@@ -57,7 +63,12 @@ pub(crate) struct Dynamixel {
 impl Dynamixel {
     pub(crate) fn new(spec: &GripperSpec, random: Random) -> Self {
         let registers = Registers::new(spec.id, baud_code(spec.baud_bps).unwrap_or(1));
-        Self { registers, jitter_m: spec.jitter_m, random, inbox: Vec::new() }
+        Self {
+            registers,
+            jitter_m: spec.jitter_m,
+            random,
+            inbox: Vec::new(),
+        }
     }
 
     /// Puts what the shaft does at `at` into the registers.
@@ -68,7 +79,11 @@ impl Dynamixel {
         let position = jaw::shaft_degrees(seen) * 4096.0 / 360.0;
         let rpm = jaw::shaft_degrees_per_second(width, rate) / 6.0;
         let current = if scene.holds(t) { 74.0 } else { 0.0 } + 2.0 * self.random.normal();
-        self.registers.present(position.round() as i32, (rpm / 0.229).round() as i32, current.round() as i16);
+        self.registers.present(
+            position.round() as i32,
+            (rpm / 0.229).round() as i32,
+            current.round() as i16,
+        );
     }
 
     fn answer(&mut self, instruction: &Instruction) -> Option<Vec<u8>> {
@@ -77,7 +92,10 @@ impl Dynamixel {
         let result = match instruction.code {
             PING => Ok(self.registers.identity().to_vec()),
             SYNC_READ => {
-                let [address_low, address_high, length_low, length_high, ids @ ..] = parameters else { return None };
+                let [address_low, address_high, length_low, length_high, ids @ ..] = parameters
+                else {
+                    return None;
+                };
                 if !ids.contains(&id) {
                     return None;
                 }
@@ -97,14 +115,20 @@ impl Dynamixel {
     }
 
     fn read(&self, parameters: &[u8]) -> Result<Vec<u8>, Fault> {
-        let &[address_low, address_high, length_low, length_high] = parameters else { return Err(Fault::DataLength) };
+        let &[address_low, address_high, length_low, length_high] = parameters else {
+            return Err(Fault::DataLength);
+        };
         let address = u16::from_le_bytes([address_low, address_high]);
-        self.registers.read(address, u16::from_le_bytes([length_low, length_high]))
+        self.registers
+            .read(address, u16::from_le_bytes([length_low, length_high]))
     }
 
     fn write(&mut self, parameters: &[u8]) -> Result<(), Fault> {
-        let [address_low, address_high, data @ ..] = parameters else { return Err(Fault::DataLength) };
-        self.registers.write(u16::from_le_bytes([*address_low, *address_high]), data)
+        let [address_low, address_high, data @ ..] = parameters else {
+            return Err(Fault::DataLength);
+        };
+        self.registers
+            .write(u16::from_le_bytes([*address_low, *address_high]), data)
     }
 }
 

@@ -23,12 +23,21 @@ impl RigidMotion {
     /// A body that stands still.
     pub(crate) fn still(position: Vector3<f64>, rotation: UnitQuaternion<f64>) -> Self {
         let zero = Vector3::zeros();
-        Self { position, velocity: zero, acceleration: zero, rotation, rate: zero, rate_change: zero }
+        Self {
+            position,
+            velocity: zero,
+            acceleration: zero,
+            rotation,
+            rate: zero,
+            rate_change: zero,
+        }
     }
 
     /// Position, velocity and acceleration of the body's point that is `lever` (world axes) away from the origin.
     pub(crate) fn acceleration_at(&self, lever: Vector3<f64>) -> Vector3<f64> {
-        self.acceleration + self.rate_change.cross(&lever) + self.rate.cross(&self.rate.cross(&lever))
+        self.acceleration
+            + self.rate_change.cross(&lever)
+            + self.rate.cross(&self.rate.cross(&lever))
     }
 
     /// The motion with a further turn about an axis fixed in the body.
@@ -60,11 +69,19 @@ pub(crate) struct Jet {
 
 impl Jet {
     pub(crate) fn constant(value: f64) -> Self {
-        Self { value, rate: 0.0, rate_change: 0.0 }
+        Self {
+            value,
+            rate: 0.0,
+            rate_change: 0.0,
+        }
     }
 
     pub(crate) fn scaled(self, factor: f64) -> Self {
-        Self { value: self.value * factor, rate: self.rate * factor, rate_change: self.rate_change * factor }
+        Self {
+            value: self.value * factor,
+            rate: self.rate * factor,
+            rate_change: self.rate_change * factor,
+        }
     }
 
     pub(crate) fn plus(self, other: Self) -> Self {
@@ -89,7 +106,11 @@ impl Jet {
     pub(crate) fn sine(amplitude: f64, hz: f64, phase: f64, t: f64) -> Self {
         let omega = std::f64::consts::TAU * hz;
         let (sin, cos) = (omega * t + phase).sin_cos();
-        Self { value: amplitude * sin, rate: amplitude * omega * cos, rate_change: -amplitude * omega * omega * sin }
+        Self {
+            value: amplitude * sin,
+            rate: amplitude * omega * cos,
+            rate_change: -amplitude * omega * omega * sin,
+        }
     }
 
     /// From 0 to 1 over `seconds`, at rest and without acceleration at both ends (minimum jerk).
@@ -127,7 +148,12 @@ pub(crate) struct Quintic {
 
 impl Quintic {
     pub(crate) fn new(from: f64, rate: f64, to: f64, seconds: f64) -> Self {
-        Self { from, rate, to, seconds: seconds.max(1e-6) }
+        Self {
+            from,
+            rate,
+            to,
+            seconds: seconds.max(1e-6),
+        }
     }
 
     pub(crate) fn at(&self, t: f64) -> Jet {
@@ -140,7 +166,9 @@ impl Quintic {
             rate: (1.0 - 18.0 * s * s + 32.0 * s.powi(3) - 15.0 * s.powi(4)) / span,
             rate_change: (-36.0 * s + 96.0 * s * s - 60.0 * s.powi(3)) / (span * span),
         };
-        Jet::constant(self.from).plus(rise).plus(glide.scaled(self.rate * span))
+        Jet::constant(self.from)
+            .plus(rise)
+            .plus(glide.scaled(self.rate * span))
     }
 }
 
@@ -152,8 +180,14 @@ mod tests {
         let h = 1e-4;
         let (before, here, after) = (curve(t - h), curve(t), curve(t + h));
         let scale = 1.0 + here.rate.abs() + here.rate_change.abs();
-        assert!(((after.value - before.value) / (2.0 * h) - here.rate).abs() < 1e-5 * scale, "rate at {t}");
-        assert!(((after.rate - before.rate) / (2.0 * h) - here.rate_change).abs() < 1e-4 * scale, "acceleration at {t}");
+        assert!(
+            ((after.value - before.value) / (2.0 * h) - here.rate).abs() < 1e-5 * scale,
+            "rate at {t}"
+        );
+        assert!(
+            ((after.rate - before.rate) / (2.0 * h) - here.rate_change).abs() < 1e-4 * scale,
+            "acceleration at {t}"
+        );
     }
 
     #[test]
@@ -162,7 +196,10 @@ mod tests {
             let t = 0.1 * f64::from(step) + 0.013;
             assert_derivatives_agree(|t| Jet::rise(t, 1.9), t);
             assert_derivatives_agree(|t| Jet::sine(0.3, 2.2, 0.4, t), t);
-            assert_derivatives_agree(|t| Jet::sine(0.3, 2.2, 0.4, t).times(Jet::window(t, 2.0, 0.6)), t);
+            assert_derivatives_agree(
+                |t| Jet::sine(0.3, 2.2, 0.4, t).times(Jet::window(t, 2.0, 0.6)),
+                t,
+            );
             assert_derivatives_agree(|t| Quintic::new(0.2, -0.7, 1.4, 2.0).at(t), t);
         }
     }
@@ -170,7 +207,11 @@ mod tests {
     #[test]
     fn a_quintic_ends_at_rest_where_it_should() {
         let end = Quintic::new(0.2, 0.9, -1.0, 1.5).at(1.5);
-        assert!((end.value + 1.0).abs() < 1e-12 && end.rate.abs() < 1e-12 && end.rate_change.abs() < 1e-9);
+        assert!(
+            (end.value + 1.0).abs() < 1e-12
+                && end.rate.abs() < 1e-12
+                && end.rate_change.abs() < 1e-9
+        );
         let start = Quintic::new(0.2, 0.9, -1.0, 1.5).at(0.0);
         assert_eq!((start.value, start.rate), (0.2, 0.9));
     }
@@ -178,10 +219,13 @@ mod tests {
     #[test]
     fn chained_turns_keep_their_rates() {
         let pose = |t: f64| {
-            RigidMotion::still(Vector3::new(0.1, 0.2, 0.3), UnitQuaternion::from_euler_angles(0.3, -0.2, 1.0))
-                .turned(Vector3::x_axis(), Jet::sine(0.5, 1.1, 0.2, t))
-                .turned(Vector3::z_axis(), Jet::sine(0.4, 1.7, 1.2, t))
-                .turned(Vector3::y_axis(), Jet::sine(0.3, 2.3, 2.2, t))
+            RigidMotion::still(
+                Vector3::new(0.1, 0.2, 0.3),
+                UnitQuaternion::from_euler_angles(0.3, -0.2, 1.0),
+            )
+            .turned(Vector3::x_axis(), Jet::sine(0.5, 1.1, 0.2, t))
+            .turned(Vector3::z_axis(), Jet::sine(0.4, 1.7, 1.2, t))
+            .turned(Vector3::y_axis(), Jet::sine(0.3, 2.3, 2.2, t))
         };
         let h = 1e-5;
         for t in [0.1, 0.37, 0.9] {

@@ -24,7 +24,12 @@ const YIELDING_DRAG: f64 = 1.5;
 enum Curve {
     Still(f64),
     Reach(Quintic),
-    Shake { centre: f64, amplitude: f64, hz: f64, seconds: f64 },
+    Shake {
+        centre: f64,
+        amplitude: f64,
+        hz: f64,
+        seconds: f64,
+    },
 }
 
 impl Curve {
@@ -32,10 +37,22 @@ impl Curve {
         match *self {
             Self::Still(q) => Jet::constant(q),
             Self::Reach(curve) => curve.at(t),
-            Self::Shake { centre, amplitude, hz, seconds } => {
+            Self::Shake {
+                centre,
+                amplitude,
+                hz,
+                seconds,
+            } => {
                 // Two frequencies, so that acceleration and position are not in step all the time.
-                let swing = Jet::sine(amplitude, hz, 0.0, t).plus(Jet::sine(0.35 * amplitude, 1.618 * hz, 0.0, t));
-                swing.times(Jet::window(t, seconds, 0.35)).plus(Jet::constant(centre))
+                let swing = Jet::sine(amplitude, hz, 0.0, t).plus(Jet::sine(
+                    0.35 * amplitude,
+                    1.618 * hz,
+                    0.0,
+                    t,
+                ));
+                swing
+                    .times(Jet::window(t, seconds, 0.35))
+                    .plus(Jet::constant(centre))
             }
         }
     }
@@ -53,7 +70,8 @@ struct Active {
 impl Active {
     /// How firm the hand is, 0 to 1.
     fn share(&self, t: f64) -> f64 {
-        self.from_share + (self.to_share - self.from_share) * Jet::rise(t - self.began, BLEND_S).value
+        self.from_share
+            + (self.to_share - self.from_share) * Jet::rise(t - self.began, BLEND_S).value
     }
 }
 
@@ -71,7 +89,13 @@ pub(crate) struct Hand {
 
 impl Hand {
     /// A hand at `lever` (m; 1 for a prismatic joint) on an object, itself adding `inertia`.
-    pub(crate) fn new(spec: &PersonSpec, lever: f64, object_inertia: f64, inertia: f64, random: &mut Random) -> Self {
+    pub(crate) fn new(
+        spec: &PersonSpec,
+        lever: f64,
+        object_inertia: f64,
+        inertia: f64,
+        random: &mut Random,
+    ) -> Self {
         let square = lever * lever;
         let stiffness = spec.stiffness_n_per_m * square * random.uniform(0.85, 1.15);
         let total = object_inertia + inertia;
@@ -99,8 +123,18 @@ impl Person {
     /// A person who has just grasped the object at `state`.
     pub(crate) fn grasping(hand: Hand, plan: Vec<Segment>, state: JointState) -> Self {
         let curve = Curve::Still(state.q);
-        let active = Active { began: state.t, seconds: 0.0, curve, from_share: 0.0, to_share: 0.0 };
-        Self { hand, plan: plan.into(), active }
+        let active = Active {
+            began: state.t,
+            seconds: 0.0,
+            curve,
+            from_share: 0.0,
+            to_share: 0.0,
+        };
+        Self {
+            hand,
+            plan: plan.into(),
+            active,
+        }
     }
 
     /// Whether the hand lets the object go where it wants.
@@ -112,21 +146,46 @@ impl Person {
     /// Goes on to the next segment when the present one is over.
     pub(crate) fn begin_step(&mut self, state: JointState) {
         while state.t >= self.active.began + self.active.seconds {
-            let Some(segment) = self.plan.pop_front() else { return };
+            let Some(segment) = self.plan.pop_front() else {
+                return;
+            };
             let yielded = self.active.to_share < 1.0;
             let wanted = self.active.curve.at(self.active.seconds).value;
             // A hand that yielded takes over where the object is.
-            let (q, dq) = if yielded { (state.q, state.dq) } else { (wanted, 0.0) };
+            let (q, dq) = if yielded {
+                (state.q, state.dq)
+            } else {
+                (wanted, 0.0)
+            };
             let (curve, seconds, share) = match segment {
-                Segment::Hold { seconds } => (Curve::Reach(Quintic::new(q, dq, q, 0.3)), seconds, 1.0),
-                Segment::Reach { to, seconds } => (Curve::Reach(Quintic::new(q, dq, to, seconds)), seconds, 1.0),
-                Segment::Shake { amplitude, hz, seconds } => {
-                    (Curve::Shake { centre: q, amplitude, hz, seconds }, seconds, 1.0)
+                Segment::Hold { seconds } => {
+                    (Curve::Reach(Quintic::new(q, dq, q, 0.3)), seconds, 1.0)
                 }
-                Segment::Follow { seconds, lead: None } => (Curve::Still(q), seconds, 0.0),
-                Segment::Follow { seconds, lead: Some(to) } => {
-                    (Curve::Reach(Quintic::new(q, dq, to, seconds)), seconds, 0.2)
+                Segment::Reach { to, seconds } => {
+                    (Curve::Reach(Quintic::new(q, dq, to, seconds)), seconds, 1.0)
                 }
+                Segment::Shake {
+                    amplitude,
+                    hz,
+                    seconds,
+                } => (
+                    Curve::Shake {
+                        centre: q,
+                        amplitude,
+                        hz,
+                        seconds,
+                    },
+                    seconds,
+                    1.0,
+                ),
+                Segment::Follow {
+                    seconds,
+                    lead: None,
+                } => (Curve::Still(q), seconds, 0.0),
+                Segment::Follow {
+                    seconds,
+                    lead: Some(to),
+                } => (Curve::Reach(Quintic::new(q, dq, to, seconds)), seconds, 0.2),
             };
             self.active = Active {
                 began: self.active.began + self.active.seconds,

@@ -24,7 +24,11 @@ pub(crate) struct PoseStream {
 
 impl PoseStream {
     pub(crate) fn new(tracker: PoseTracker, clock: DeviceClock, rate_hz: f64) -> Self {
-        Self { tracker, clock, cadence: Cadence::starting(417_000, rate_hz, &clock) }
+        Self {
+            tracker,
+            clock,
+            cadence: Cadence::starting(417_000, rate_hz, &clock),
+        }
     }
 }
 
@@ -35,17 +39,29 @@ impl Played<Chunk> for PoseStream {
 
     fn run(&mut self, at: SimNanos, scene: &Scene, out: &mut Outbox<Chunk>) {
         self.cadence.tick();
-        let (position, quaternion) = self.tracker.read(&scene.sight(seconds(at)).tcp, seconds(at));
-        push_bytes(out, at, &encode(self.clock.reading_ns(at), position, quaternion, 0.97));
+        let (position, quaternion) = self
+            .tracker
+            .read(&scene.sight(seconds(at)).tcp, seconds(at));
+        push_bytes(
+            out,
+            at,
+            &encode(self.clock.reading_ns(at), position, quaternion, 0.97),
+        );
     }
 
-    fn receive(&mut self, _at: SimNanos, _frame: &Chunk, _scene: &Scene, _out: &mut Outbox<Chunk>) {}
+    fn receive(&mut self, _at: SimNanos, _frame: &Chunk, _scene: &Scene, _out: &mut Outbox<Chunk>) {
+    }
 }
 
 fn encode(timestamp_ns: u64, position: [f64; 3], quaternion: [f64; 4], quality: f32) -> Vec<u8> {
     let mut frame = vec![0xA5, 0x5A, 1, 74];
     frame.extend(timestamp_ns.to_le_bytes());
-    frame.extend(position.iter().chain(&quaternion).flat_map(|number| number.to_le_bytes()));
+    frame.extend(
+        position
+            .iter()
+            .chain(&quaternion)
+            .flat_map(|number| number.to_le_bytes()),
+    );
     frame.extend(quality.to_le_bytes());
     let check = crc::x25(&frame[2..]);
     frame.extend(check.to_le_bytes());
@@ -58,7 +74,12 @@ mod tests {
 
     #[test]
     fn a_frame_has_its_fields_where_the_table_says() {
-        let frame = encode(0x0102_0304_0506_0708, [1.0, -2.0, 0.5], [0.0, 0.0, 0.6, 0.8], 0.5);
+        let frame = encode(
+            0x0102_0304_0506_0708,
+            [1.0, -2.0, 0.5],
+            [0.0, 0.0, 0.6, 0.8],
+            0.5,
+        );
         assert_eq!(frame.len(), 74);
         assert_eq!(frame[..12], [0xA5, 0x5A, 1, 74, 8, 7, 6, 5, 4, 3, 2, 1]);
         assert_eq!(frame[20..28], (-2.0_f64).to_le_bytes());

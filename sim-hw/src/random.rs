@@ -21,6 +21,7 @@ pub(crate) enum Stream {
     GripperLine = 9,
     Clocks = 10,
     Plan = 11,
+    Calibration = 12,
 }
 
 /// Random numbers of one stream of a seed.
@@ -67,14 +68,22 @@ impl Wave {
                 .iter()
                 .map(|weight| {
                     let hz = random.uniform(least_hz, most_hz);
-                    [scale * weight, hz, random.uniform(0.0, std::f64::consts::TAU)]
+                    [
+                        scale * weight,
+                        hz,
+                        random.uniform(0.0, std::f64::consts::TAU),
+                    ]
                 })
                 .collect(),
         )
     }
 
     pub(crate) fn at(&self, t: f64) -> Jet {
-        self.0.iter().fold(Jet::default(), |sum, [amplitude, hz, phase]| sum.plus(Jet::sine(*amplitude, *hz, *phase, t)))
+        self.0
+            .iter()
+            .fold(Jet::default(), |sum, [amplitude, hz, phase]| {
+                sum.plus(Jet::sine(*amplitude, *hz, *phase, t))
+            })
     }
 
     pub(crate) fn value(&self, t: f64) -> f64 {
@@ -94,7 +103,12 @@ pub(crate) struct Wander<const N: usize> {
 impl<const N: usize> Wander<N> {
     pub(crate) fn new(random: &mut Random, rms: [f64; N], memory_s: f64) -> Self {
         let values = std::array::from_fn(|axis| rms[axis] * random.normal());
-        Self { values, rms, memory_s, t: 0.0 }
+        Self {
+            values,
+            rms,
+            memory_s,
+            t: 0.0,
+        }
     }
 
     /// Its values at `t`, which must not go back.
@@ -116,19 +130,37 @@ mod tests {
     #[test]
     fn a_wave_has_the_rms_it_was_given() {
         let wave = Wave::new(&mut Random::new(3, Stream::Person), 2.0, [0.5, 3.0]);
-        let mean_square = (0..400_000).map(|i| wave.value(f64::from(i) * 1e-3).powi(2)).sum::<f64>() / 4e5;
-        assert!((mean_square.sqrt() - 2.0).abs() < 0.1, "{}", mean_square.sqrt());
+        let mean_square = (0..400_000)
+            .map(|i| wave.value(f64::from(i) * 1e-3).powi(2))
+            .sum::<f64>()
+            / 4e5;
+        assert!(
+            (mean_square.sqrt() - 2.0).abs() < 0.1,
+            "{}",
+            mean_square.sqrt()
+        );
     }
 
     #[test]
     fn a_wander_has_the_rms_and_the_memory_it_was_given() {
         let mut random = Random::new(5, Stream::Tracker);
         let mut wander = Wander::new(&mut random, [1.5], 10.0);
-        let values: Vec<f64> = (0..400_000).map(|i| wander.at(&mut random, f64::from(i) * 0.1)[0]).collect();
+        let values: Vec<f64> = (0..400_000)
+            .map(|i| wander.at(&mut random, f64::from(i) * 0.1)[0])
+            .collect();
         let square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
         assert!((square.sqrt() - 1.5).abs() < 0.15, "{}", square.sqrt());
-        let lagged = values.iter().zip(&values[100..]).map(|(a, b)| a * b).sum::<f64>() / values.len() as f64;
-        assert!((lagged / square - (-1.0_f64).exp()).abs() < 0.08, "{}", lagged / square);
+        let lagged = values
+            .iter()
+            .zip(&values[100..])
+            .map(|(a, b)| a * b)
+            .sum::<f64>()
+            / values.len() as f64;
+        assert!(
+            (lagged / square - (-1.0_f64).exp()).abs() < 0.08,
+            "{}",
+            lagged / square
+        );
     }
 
     #[test]

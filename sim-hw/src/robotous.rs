@@ -36,10 +36,18 @@ const OVERLOADS: u8 = 0x12;
 /// Output rates of codes 0 to 8, Hz.
 const RATES_HZ: [f64; 9] = [200.0, 10.0, 20.0, 50.0, 100.0, 200.0, 333.0, 500.0, 1000.0];
 /// Cut-off of filter codes 1 to 14, Hz, as manual 1.82 has them.
-const CUT_OFFS_HZ: [f64; 14] = [500.0, 300.0, 200.0, 150.0, 100.0, 50.0, 40.0, 30.0, 20.0, 10.0, 5.0, 3.0, 2.0, 1.0];
+const CUT_OFFS_HZ: [f64; 14] = [
+    500.0, 300.0, 200.0, 150.0, 100.0, 50.0, 40.0, 30.0, 20.0, 10.0, 5.0, 3.0, 2.0, 1.0,
+];
 /// UART rates of codes 0 to 5, bit/s, and the highest output rate code that each carries.
-const BAUDS: [(u32, u8); 6] =
-    [(115_200, 6), (921_600, 8), (460_800, 7), (230_400, 7), (115_200, 6), (57_600, 5)];
+const BAUDS: [(u32, u8); 6] = [
+    (115_200, 6),
+    (921_600, 8),
+    (460_800, 7),
+    (230_400, 7),
+    (115_200, 6),
+    (57_600, 5),
+];
 
 /// Where the sensor is wired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +80,12 @@ pub(crate) struct Rft {
 }
 
 impl Rft {
-    pub(crate) fn new(model: Model, sensor: WrenchSensor, clock: DeviceClock, interface: Interface) -> Self {
+    pub(crate) fn new(
+        model: Model,
+        sensor: WrenchSensor,
+        clock: DeviceClock,
+        interface: Interface,
+    ) -> Self {
         let baud_code = match interface {
             Interface::Can => 0,
             Interface::Uart { baud_code } => baud_code,
@@ -83,7 +96,12 @@ impl Rft {
             sensor,
             clock,
             interface,
-            stored: Stored { rate_code: 0, filter: [0, 0], baud_code, ids },
+            stored: Stored {
+                rate_code: 0,
+                filter: [0, 0],
+                baud_code,
+                ids,
+            },
             ids_now: ids,
             streaming: None,
             bias: [0.0; 6],
@@ -134,7 +152,8 @@ impl Rft {
         let mut response = [0; 16];
         response[0] = kind;
         for axis in 0..6 {
-            let counts = ((loaded[axis] - self.bias[axis]) * self.model.counts_per_unit(axis)).round();
+            let counts =
+                ((loaded[axis] - self.bias[axis]) * self.model.counts_per_unit(axis)).round();
             response[1 + 2 * axis..3 + 2 * axis].copy_from_slice(&(counts as i16).to_be_bytes());
         }
         response[13] = overload;
@@ -142,9 +161,14 @@ impl Rft {
     }
 
     fn gauges(&mut self, at: SimNanos, scene: &Scene) -> [f64; 6] {
-        let fresh = self.sensor.read(scene.sight(seconds(at)).wrench, seconds(at));
+        let fresh = self
+            .sensor
+            .read(scene.sight(seconds(at)).wrench, seconds(at));
         let [kind, code] = self.stored.filter;
-        let Some(cut_off) = CUT_OFFS_HZ.get(usize::from(code).wrapping_sub(1)).filter(|_| kind == 1) else {
+        let Some(cut_off) = CUT_OFFS_HZ
+            .get(usize::from(code).wrapping_sub(1))
+            .filter(|_| kind == 1)
+        else {
             return fresh;
         };
         let weight = 1.0 - (-std::f64::consts::TAU * cut_off / self.rate_hz()).exp();
@@ -155,7 +179,12 @@ impl Rft {
     }
 
     /// Executes a command; the response, where the manual gives one.
-    pub(crate) fn command(&mut self, at: SimNanos, data: [u8; 8], scene: &Scene) -> Option<[u8; 16]> {
+    pub(crate) fn command(
+        &mut self,
+        at: SimNanos,
+        data: [u8; 8],
+        scene: &Scene,
+    ) -> Option<[u8; 16]> {
         let [code, first, second, third, ..] = data;
         match code {
             STOP => {
@@ -163,7 +192,11 @@ impl Rft {
                 return None;
             }
             SET_BIAS => {
-                self.bias = if first == 0 { [0.0; 6] } else { self.gauges(at, scene) };
+                self.bias = if first == 0 {
+                    [0.0; 6]
+                } else {
+                    self.gauges(at, scene)
+                };
                 return None;
             }
             _ if self.streaming.is_some() => return None,
@@ -251,7 +284,6 @@ impl Rft {
     pub(crate) fn ids(&self) -> [u8; 3] {
         self.ids_now
     }
-
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -275,12 +307,19 @@ fn put_text(response: &mut [u8; 16], text: &str) {
 
 /// The baud code that stands for `baud_bps`.
 pub(crate) fn baud_code(baud_bps: u32) -> Option<u8> {
-    BAUDS.iter().position(|(baud, _)| *baud == baud_bps).map(|code| code as u8)
+    BAUDS
+        .iter()
+        .position(|(baud, _)| *baud == baud_bps)
+        .map(|code| code as u8)
 }
 
 /// The slowest UART rate that carries output rate `code`.
 pub(crate) fn baud_for(code: u8) -> u32 {
-    let fits = BAUDS.iter().filter(|(_, most)| code <= *most).map(|(baud, _)| *baud).filter(|baud| *baud >= 115_200);
+    let fits = BAUDS
+        .iter()
+        .filter(|(_, most)| code <= *most)
+        .map(|(baud, _)| *baud)
+        .filter(|baud| *baud >= 115_200);
     fits.min().unwrap_or(921_600)
 }
 

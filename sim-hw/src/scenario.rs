@@ -11,8 +11,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use parts::{
-    ClockSpec, GraspSpec, GripperSpec, JointKind, JointSpec, MechanismSpec, ObjectSpec, PersonSpec, SensorDriver, SensorSpec,
-    StrutSpec, SwingDirection, ToolSpec, TrackerSpec, WorldSpec, ZoneSpec,
+    ClockSpec, GraspSpec, GripperSpec, JointKind, JointSpec, MechanismSpec, ObjectSpec, PersonSpec,
+    SensorDriver, SensorSpec, StrutSpec, SwingDirection, ToolSpec, TrackerSpec, WorldSpec,
+    ZoneSpec,
 };
 
 /// An object, a person and fitted devices, before a seed makes them particular.
@@ -54,9 +55,18 @@ pub struct Scenario {
 const BUILTIN: [(&str, &str); 6] = [
     ("wood_door", include_str!("../scenarios/wood_door.toml")),
     ("metal_door", include_str!("../scenarios/metal_door.toml")),
-    ("drawer_light", include_str!("../scenarios/drawer_light.toml")),
-    ("drawer_loaded", include_str!("../scenarios/drawer_loaded.toml")),
-    ("sliding_door", include_str!("../scenarios/sliding_door.toml")),
+    (
+        "drawer_light",
+        include_str!("../scenarios/drawer_light.toml"),
+    ),
+    (
+        "drawer_loaded",
+        include_str!("../scenarios/drawer_loaded.toml"),
+    ),
+    (
+        "sliding_door",
+        include_str!("../scenarios/sliding_door.toml"),
+    ),
     ("oven_door", include_str!("../scenarios/oven_door.toml")),
 ];
 
@@ -74,7 +84,10 @@ impl Scenario {
     pub fn builtin(name: &str) -> Result<Self, ScenarioError> {
         match BUILTIN.iter().find(|(known, _)| *known == name) {
             Some((_, text)) => Self::from_toml(text),
-            None => Err(ScenarioError::UnknownName { name: name.to_owned(), known: Self::builtin_names().join(", ") }),
+            None => Err(ScenarioError::UnknownName {
+                name: name.to_owned(),
+                known: Self::builtin_names().join(", "),
+            }),
         }
     }
 
@@ -94,12 +107,19 @@ impl Scenario {
     /// Neither exists, or the file is not a scenario.
     pub fn load(path_or_name: &str) -> Result<Self, ScenarioError> {
         let path = Path::new(path_or_name);
-        if !path_or_name.contains('/') && path.extension().is_none_or(|extension| extension != "toml") {
+        if !path_or_name.contains('/')
+            && path.extension().is_none_or(|extension| extension != "toml")
+        {
             return Self::builtin(path_or_name);
         }
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ScenarioError::Read { path: path_or_name.to_owned(), source })?;
-        Self::from_toml(&text).map_err(|source| ScenarioError::InFile { path: path_or_name.to_owned(), source: Box::new(source) })
+        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
+            path: path_or_name.to_owned(),
+            source,
+        })?;
+        Self::from_toml(&text).map_err(|source| ScenarioError::InFile {
+            path: path_or_name.to_owned(),
+            source: Box::new(source),
+        })
     }
 }
 
@@ -145,7 +165,9 @@ pub enum ScenarioError {
         allowed: String,
     },
     /// The wanted duration is too short.
-    #[error("a duration of {asked_s} s is too short: at least {least_s} s are needed to grasp, move and release")]
+    #[error(
+        "a duration of {asked_s} s is too short: at least {least_s} s are needed to grasp, move and release"
+    )]
     TooShort {
         /// Wanted, s.
         asked_s: f64,
@@ -153,7 +175,9 @@ pub enum ScenarioError {
         least_s: f64,
     },
     /// The object does not come to rest by itself, so that nobody can grasp it.
-    #[error("the object is still moving at {rate} rad/s or m/s after {waited_s} s without a hand: raise object.coulomb or object.viscous")]
+    #[error(
+        "the object is still moving at {rate} rad/s or m/s after {waited_s} s without a hand: raise object.coulomb or object.viscous"
+    )]
     NeverRests {
         /// Joint rate left.
         rate: f64,

@@ -31,11 +31,15 @@ impl Timeline {
         let around = LEAD_IN_S + free_air::FULL_S + TAIL_S;
         let total = seconds.unwrap_or(around + PROBING_S);
         if total.is_nan() || total < LEAST_S {
-            return Err(ScenarioError::TooShort { asked_s: total, least_s: LEAST_S });
+            return Err(ScenarioError::TooShort {
+                asked_s: total,
+                least_s: LEAST_S,
+            });
         }
         // At least half of a short run is probing.
         let share = (0.5 * total / around).min(1.0);
-        let on_step = |t: f64| (t * f64::from(STEPS_PER_SECOND)).round() / f64::from(STEPS_PER_SECOND);
+        let on_step =
+            |t: f64| (t * f64::from(STEPS_PER_SECOND)).round() / f64::from(STEPS_PER_SECOND);
         Ok(Self {
             free_air_begin: on_step(share * LEAD_IN_S),
             grasp: on_step(share * (LEAD_IN_S + free_air::FULL_S)),
@@ -63,7 +67,13 @@ pub(crate) struct Sight {
     pub(crate) tcp: RigidMotion,
     /// What an ideal sensor reports.
     pub(crate) wrench: [f64; 6],
-    #[cfg_attr(not(test), allow(dead_code, reason = "tests compare it with the object's equation of motion"))]
+    #[cfg_attr(
+        not(test),
+        allow(
+            dead_code,
+            reason = "tests compare it with the object's equation of motion"
+        )
+    )]
     pub(crate) moment: crate::world::Moment,
 }
 
@@ -82,7 +92,11 @@ pub(crate) struct Scene {
 }
 
 impl Scene {
-    pub(crate) fn new(scenario: &Scenario, seed: u64, seconds: Option<f64>) -> Result<Self, ScenarioError> {
+    pub(crate) fn new(
+        scenario: &Scenario,
+        seed: u64,
+        seconds: Option<f64>,
+    ) -> Result<Self, ScenarioError> {
         let timeline = Timeline::lasting(seconds)?;
         let setting = Setting::draw(scenario, &mut Random::new(seed, Stream::Setting));
         let passives = scenario.mechanisms.iter().map(mechanism::build).collect();
@@ -92,7 +106,13 @@ impl Scene {
         let mut random = Random::new(seed, Stream::Person);
         let at_grasp = setting.carry(Jet::constant(world.state().q));
         let inertia = hand_inertia(scenario, &setting, &tool, &at_grasp);
-        let hand = Hand::new(&scenario.person, setting.lever(), scenario.object.inertia, inertia, &mut random);
+        let hand = Hand::new(
+            &scenario.person,
+            setting.lever(),
+            scenario.object.inertia,
+            inertia,
+            &mut random,
+        );
         let occasion = occasion(scenario, &setting, &world, inertia);
         let probing = timeline.release - timeline.grasp;
         Ok(Self {
@@ -102,7 +122,12 @@ impl Scene {
                 [timeline.grasp, timeline.release],
                 &mut Random::new(seed, Stream::OffAxis),
             ),
-            free_air: FreeAir::new(at_grasp.position, at_grasp.rotation, timeline.free_air_seconds(), &mut random),
+            free_air: FreeAir::new(
+                at_grasp.position,
+                at_grasp.rotation,
+                timeline.free_air_seconds(),
+                &mut random,
+            ),
             handle_width: scenario.grasp.handle_width_m,
             phase: Phase::Before,
             hand,
@@ -128,7 +153,8 @@ impl Scene {
         let state = self.world.state();
         match &mut self.phase {
             Phase::Before if state.t >= self.timeline.grasp => {
-                let mut person = Person::grasping(self.hand.clone(), std::mem::take(&mut self.plan), state);
+                let mut person =
+                    Person::grasping(self.hand.clone(), std::mem::take(&mut self.plan), state);
                 person.begin_step(state);
                 self.phase = Phase::Held(Box::new(person));
             }
@@ -150,14 +176,29 @@ impl Scene {
         let moment = self.world.moment(drive, t);
         let (tcp, contact) = match &self.phase {
             Phase::Before => (self.free_air.before(t), ContactWrench::default()),
-            Phase::After(held) => (self.free_air.after(held, self.timeline.release, t), ContactWrench::default()),
+            Phase::After(held) => (
+                self.free_air.after(held, self.timeline.release, t),
+                ContactWrench::default(),
+            ),
             Phase::Held(_) => {
-                let q = Jet { value: moment.state.q, rate: moment.state.dq, rate_change: moment.ddq };
+                let q = Jet {
+                    value: moment.state.q,
+                    rate: moment.state.dq,
+                    rate_change: moment.ddq,
+                };
                 let tcp = self.setting.carry(q);
-                (tcp, self.grip.wrench(&self.setting.joint, tcp.position, moment.tool_effort, t))
+                (
+                    tcp,
+                    self.grip
+                        .wrench(&self.setting.joint, tcp.position, moment.tool_effort, t),
+                )
             }
         };
-        Sight { tcp, wrench: self.tool.sensor_wrench(&tcp, &contact), moment }
+        Sight {
+            tcp,
+            wrench: self.tool.sensor_wrench(&tcp, &contact),
+            moment,
+        }
     }
 
     /// Jaw opening and its rate at `t`, m and m/s.
@@ -165,7 +206,9 @@ impl Scene {
         let wide = self.handle_width.max(0.085);
         let closing = Jet::rise(t - (self.timeline.grasp - 0.35), 0.35);
         let opening = Jet::rise(t - self.timeline.release, 0.35);
-        let closed = closing.plus(opening.scaled(-1.0)).scaled(self.handle_width - wide);
+        let closed = closing
+            .plus(opening.scaled(-1.0))
+            .scaled(self.handle_width - wide);
         (wide + closed.value, closed.rate)
     }
 
@@ -182,18 +225,29 @@ impl Scene {
 impl Setting {
     /// The tool centre point's motion while the tool holds the object.
     pub(crate) fn carry(&self, q: Jet) -> RigidMotion {
-        self.joint.carry(self.grasp_position, self.grasp_rotation, q)
+        self.joint
+            .carry(self.grasp_position, self.grasp_rotation, q)
     }
 }
 
 /// What hand and gripper add to the joint's inertia.
-fn hand_inertia(scenario: &Scenario, setting: &Setting, tool: &Tool, at_grasp: &RigidMotion) -> f64 {
+fn hand_inertia(
+    scenario: &Scenario,
+    setting: &Setting,
+    tool: &Tool,
+    at_grasp: &RigidMotion,
+) -> f64 {
     let lever = setting.lever();
     let moving = scenario.person.moving_mass_kg * lever * lever;
     match setting.joint.kind {
         crate::scenario::JointKind::Prismatic => moving + tool.mass(),
         crate::scenario::JointKind::Revolute => {
-            moving + tool.inertia_about(at_grasp, setting.joint.axis.into_inner(), setting.joint.point)
+            moving
+                + tool.inertia_about(
+                    at_grasp,
+                    setting.joint.axis.into_inner(),
+                    setting.joint.point,
+                )
         }
     }
 }
@@ -203,8 +257,13 @@ fn occasion(scenario: &Scenario, setting: &Setting, world: &World, hand_inertia:
     let lever = setting.lever();
     let [closed, open] = setting.joint.range;
     let by_strength = 0.7 * person.max_force_n * lever / (scenario.object.inertia + hand_inertia);
-    let goes = |q: f64, direction: f64| direction * world.standing_effort(q) > 1.3 * world.holding_effort(q);
-    let (nearly_open, nearly_closed) = (closed + 0.85 * (open - closed), closed + 0.2 * (open - closed));
+    let goes = |q: f64, direction: f64| {
+        direction * world.standing_effort(q) > 1.3 * world.holding_effort(q)
+    };
+    let (nearly_open, nearly_closed) = (
+        closed + 0.85 * (open - closed),
+        closed + 0.2 * (open - closed),
+    );
     let goes_by_itself = if goes(nearly_open, -1.0) {
         Some(nearly_open)
     } else {

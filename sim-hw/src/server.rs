@@ -68,7 +68,9 @@ pub enum ServeError {
         source: std::io::Error,
     },
     /// The CAN interface cannot be opened.
-    #[error("cannot open the CAN interface {interface}: make it with `ip link add dev {interface} type vcan` and set it up")]
+    #[error(
+        "cannot open the CAN interface {interface}: make it with `ip link add dev {interface} type vcan` and set it up"
+    )]
     Can {
         /// The interface.
         interface: String,
@@ -88,7 +90,9 @@ struct Shared {
 
 impl Shared {
     fn simulation(&self) -> MutexGuard<'_, Simulation> {
-        self.simulation.lock().unwrap_or_else(PoisonError::into_inner)
+        self.simulation
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -106,8 +110,14 @@ pub struct Server {
 }
 
 enum Outlet {
-    Pty { pty: Pty, port: Arc<LinkPort<Chunk>> },
-    Vcan { bus: Vcan, port: Arc<LinkPort<CanFrame>> },
+    Pty {
+        pty: Pty,
+        port: Arc<LinkPort<Chunk>>,
+    },
+    Vcan {
+        bus: Vcan,
+        port: Arc<LinkPort<CanFrame>>,
+    },
 }
 
 impl Server {
@@ -131,19 +141,32 @@ impl Server {
                 (SlotKind::Serial(wired), _) => {
                     let pty = Pty::open(&fitted)?;
                     let path = pty.path().to_owned();
-                    outlets.push(Outlet::Pty { pty, port: wired.port.clone() });
+                    outlets.push(Outlet::Pty {
+                        pty,
+                        port: wired.port.clone(),
+                    });
                     Port::Pty(path)
                 }
                 (SlotKind::Can(wired), Some(interface)) => {
-                    outlets.push(Outlet::Vcan { bus: Vcan::open(interface)?, port: wired.port.clone() });
+                    outlets.push(Outlet::Vcan {
+                        bus: Vcan::open(interface)?,
+                        port: wired.port.clone(),
+                    });
                     Port::SocketCan(interface.clone())
                 }
                 (SlotKind::Can(_), None) => Port::InProcess,
             };
             ports.push(ServedPort { fitted, port });
         }
-        let (known, truth, end) = (simulation.known_setup(), simulation.truth(), simulation.end());
-        let shared = Arc::new(Shared { simulation: Mutex::new(simulation), stopped: AtomicBool::new(false) });
+        let (known, truth, end) = (
+            simulation.known_setup(),
+            simulation.truth(),
+            simulation.end(),
+        );
+        let shared = Arc::new(Shared {
+            simulation: Mutex::new(simulation),
+            stopped: AtomicBool::new(false),
+        });
         let (report, dropped) = mpsc::channel();
         let serving = shared.clone();
         let thread = std::thread::Builder::new()
@@ -154,7 +177,16 @@ impl Server {
                 let _ = report.send(dropped);
             })
             .map_err(ServeError::Thread)?;
-        Ok(Self { shared, ports, known, truth, end, clock, thread: Some(thread), dropped })
+        Ok(Self {
+            shared,
+            ports,
+            known,
+            truth,
+            end,
+            clock,
+            thread: Some(thread),
+            dropped,
+        })
     }
 
     /// The devices and where they can be opened.
@@ -173,8 +205,13 @@ impl Server {
     /// device is on CAN.
     #[must_use]
     pub fn can_link(&self, name: &str) -> Option<SimCanLink> {
-        let inside = self.ports.iter().any(|served| served.fitted.name == name && served.port == Port::InProcess);
-        inside.then(|| self.shared.simulation().can_link(name)).flatten()
+        let inside = self
+            .ports
+            .iter()
+            .any(|served| served.fitted.name == name && served.port == Port::InProcess);
+        inside
+            .then(|| self.shared.simulation().can_link(name))
+            .flatten()
     }
 
     /// The operator's marks since the last call, in order.
@@ -236,7 +273,11 @@ fn serve(shared: &Shared, clock: &MonotonicClock, outlets: &mut [Outlet]) -> u64
         for outlet in outlets.iter_mut() {
             outlet.give_to_host(now);
         }
-        let next = outlets.iter().filter_map(Outlet::next_to_host).min().unwrap_or(HostTime::FAR_FUTURE);
+        let next = outlets
+            .iter()
+            .filter_map(Outlet::next_to_host)
+            .min()
+            .unwrap_or(HostTime::FAR_FUTURE);
         clock.wait_until(next.max(now + LEAST_NAP).min(now + NAP));
     }
     for slot in shared.simulation().slots() {

@@ -19,7 +19,11 @@ pub(crate) struct Setting {
 impl Setting {
     pub(crate) fn draw(scenario: &Scenario, random: &mut Random) -> Self {
         let drawn_yaw = random.uniform(-180.0, 180.0);
-        let drawn_origin = [random.uniform(-2.0, 2.0), random.uniform(-2.0, 2.0), random.uniform(-1.6, -1.2)];
+        let drawn_origin = [
+            random.uniform(-2.0, 2.0),
+            random.uniform(-2.0, 2.0),
+            random.uniform(-1.6, -1.2),
+        ];
         let yaw = scenario.world.yaw_deg.unwrap_or(drawn_yaw).to_radians();
         let origin = Vector3::from(scenario.world.origin_m.unwrap_or(drawn_origin));
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
@@ -48,9 +52,15 @@ impl Setting {
 
 /// Axes with z along `along` and x as level as it can be, turned by `roll` about z.
 fn facing(along: Vector3<f64>, roll: f64) -> UnitQuaternion<f64> {
-    let up = if along.z.abs() < 0.95 { Vector3::z() } else { Vector3::x() };
+    let up = if along.z.abs() < 0.95 {
+        Vector3::z()
+    } else {
+        Vector3::x()
+    };
     let x = up.cross(&along).normalize();
     let y = along.cross(&x);
-    let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, along])));
+    let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+        Matrix3::from_columns(&[x, y, along]),
+    ));
     level * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll)
 }

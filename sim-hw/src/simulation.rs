@@ -48,7 +48,13 @@ impl Simulation {
         duration: Option<Duration>,
     ) -> Result<Self, ScenarioError> {
         let clock = SteppedClock::new(start);
-        let mut simulation = Self::build(scenario, seed, start, duration, &TimeSource::Stepped(clock.clone()))?;
+        let mut simulation = Self::build(
+            scenario,
+            seed,
+            start,
+            duration,
+            &TimeSource::Stepped(clock.clone()),
+        )?;
         simulation.stepped = Some(clock);
         Ok(simulation)
     }
@@ -71,7 +77,11 @@ impl Simulation {
         duration: Option<Duration>,
         time: &TimeSource,
     ) -> Result<Self, ScenarioError> {
-        let scene = Scene::new(scenario, seed, duration.map(|duration| duration.as_secs_f64()))?;
+        let scene = Scene::new(
+            scenario,
+            seed,
+            duration.map(|duration| duration.as_secs_f64()),
+        )?;
         let (slots, clocks) = fitted::build(scenario, seed, &scene.tool, time);
         let timeline = scene.timeline;
         let mark = |t: f64, text: &str| (start.offset_by_seconds(t), text.to_owned());
@@ -109,19 +119,25 @@ impl Simulation {
     /// The host's end of the serial line of device `name`; `None` when there is none of that name on a serial line.
     #[must_use]
     pub fn serial_link(&self, name: &str) -> Option<SimSerialLink> {
-        self.slots.iter().find(|slot| slot.fitted.name == name).and_then(|slot| match &slot.kind {
-            SlotKind::Serial(wired) => Some(SimLink::<Chunk>::new(wired.port.clone())),
-            SlotKind::Can(_) => None,
-        })
+        self.slots
+            .iter()
+            .find(|slot| slot.fitted.name == name)
+            .and_then(|slot| match &slot.kind {
+                SlotKind::Serial(wired) => Some(SimLink::<Chunk>::new(wired.port.clone())),
+                SlotKind::Can(_) => None,
+            })
     }
 
     /// The host's end of the CAN bus of device `name`; `None` when there is none of that name on CAN.
     #[must_use]
     pub fn can_link(&self, name: &str) -> Option<SimCanLink> {
-        self.slots.iter().find(|slot| slot.fitted.name == name).and_then(|slot| match &slot.kind {
-            SlotKind::Can(wired) => Some(SimLink::<CanFrame>::new(wired.port.clone())),
-            SlotKind::Serial(_) => None,
-        })
+        self.slots
+            .iter()
+            .find(|slot| slot.fitted.name == name)
+            .and_then(|slot| match &slot.kind {
+                SlotKind::Can(wired) => Some(SimLink::<CanFrame>::new(wired.port.clone())),
+                SlotKind::Serial(_) => None,
+            })
     }
 
     /// Plays everything up to `t`; an earlier `t` is ignored.
@@ -139,10 +155,15 @@ impl Simulation {
     }
 
     fn next_due(&self) -> Option<(usize, SimNanos)> {
-        let dues = self.slots.iter().enumerate().filter_map(|(index, slot)| Some((index, slot.due(self.start)?)));
+        let dues = self
+            .slots
+            .iter()
+            .enumerate()
+            .filter_map(|(index, slot)| Some((index, slot.due(self.start)?)));
         // What came late (a command sent since) is played now; the scene does not go back.
         let now = self.nanos(self.now);
-        dues.map(|(index, due)| (index, due.max(now))).min_by_key(|(_, due)| *due)
+        dues.map(|(index, due)| (index, due.max(now)))
+            .min_by_key(|(_, due)| *due)
     }
 
     fn nanos(&self, t: HostTime) -> SimNanos {
@@ -164,7 +185,10 @@ impl Simulation {
     /// The operator's marks since the last call, in order.
     pub fn drain_marks(&mut self) -> Vec<(HostTime, String)> {
         let given = self.marks_given;
-        self.marks_given += self.marks[given..].iter().take_while(|(at, _)| *at <= self.now).count();
+        self.marks_given += self.marks[given..]
+            .iter()
+            .take_while(|(at, _)| *at <= self.now)
+            .count();
         self.marks[given..self.marks_given].to_vec()
     }
 

@@ -32,7 +32,6 @@ pub(crate) struct Tool {
 
 impl Tool {
     /// The gripper with its usual mounting: sensor 0.172 m behind the pads, glasses above it.
-
     pub(crate) fn new(spec: &ToolSpec) -> Self {
         let [xx, xy, yy, xz, yz, zz] = spec.inertia_kgm2;
         let tcp_from_ft_sensor = Isometry3::new(
@@ -53,7 +52,6 @@ impl Tool {
     }
 
     /// What an ideal sensor reports, force then torque, axes and origin of `ft_sensor`.
-
     pub(crate) fn sensor_wrench(&self, tcp: &RigidMotion, contact: &ContactWrench) -> [f64; 6] {
         let world_from_sensor = tcp.rotation * self.tcp_from_ft_sensor.rotation;
         let to_sensor = tcp.rotation * self.tcp_from_ft_sensor.translation.vector;
@@ -64,13 +62,19 @@ impl Tool {
         let spin = self.inertia * rate_change + rate.cross(&(self.inertia * rate));
         let (force_env, moment_env) = (-contact.force, -contact.moment);
         let force = world_from_sensor.inverse() * force_env + own;
-        let moment_at_sensor = world_from_sensor.inverse() * (moment_env + (-to_sensor).cross(&force_env));
+        let moment_at_sensor =
+            world_from_sensor.inverse() * (moment_env + (-to_sensor).cross(&force_env));
         let torque = moment_at_sensor + self.com.cross(&own) - spin;
         [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     }
 
     /// Inertia that the part adds to a joint when it is fixed to the object, kg m^2 about `axis` or kg.
-    pub(crate) fn inertia_about(&self, tcp: &RigidMotion, axis: Vector3<f64>, point: Vector3<f64>) -> f64 {
+    pub(crate) fn inertia_about(
+        &self,
+        tcp: &RigidMotion,
+        axis: Vector3<f64>,
+        point: Vector3<f64>,
+    ) -> f64 {
         let world_from_sensor = tcp.rotation * self.tcp_from_ft_sensor.rotation;
         let com = tcp.position
             + tcp.rotation * self.tcp_from_ft_sensor.translation.vector
@@ -111,11 +115,20 @@ mod tests {
 
     #[test]
     fn a_pull_reads_as_the_object_pulling_back() {
-        let identity = RigidMotion::still(Vector3::zeros(), tool().tcp_from_ft_sensor.rotation.inverse());
-        let contact = ContactWrench { force: Vector3::new(20.0, 0.0, 0.0), moment: Vector3::zeros() };
+        let identity = RigidMotion::still(
+            Vector3::zeros(),
+            tool().tcp_from_ft_sensor.rotation.inverse(),
+        );
+        let contact = ContactWrench {
+            force: Vector3::new(20.0, 0.0, 0.0),
+            moment: Vector3::zeros(),
+        };
         let pulled = tool().sensor_wrench(&identity, &contact);
         let free = tool().sensor_wrench(&identity, &ContactWrench::default());
-        assert!((pulled[0] - free[0] + 20.0).abs() < 1e-12, "pulling along +x reads a negative x force");
+        assert!(
+            (pulled[0] - free[0] + 20.0).abs() < 1e-12,
+            "pulling along +x reads a negative x force"
+        );
     }
 
     #[test]
@@ -123,15 +136,19 @@ mod tests {
         // Power of the wrench that the sensor's side puts on the part = change of its kinetic and potential energy.
         let tool = tool();
         let motion = |t: f64| {
-            RigidMotion::still(Vector3::new(0.3, 0.1, 1.0), UnitQuaternion::from_euler_angles(0.3, 0.2, -0.4))
-                .shifted(Vector3::new(0.3, -0.5, 0.8), Jet::sine(0.1, 1.4, 0.3, t))
-                .turned(Vector3::y_axis(), Jet::sine(0.7, 0.9, 0.1, t))
-                .turned(Vector3::x_axis(), Jet::sine(0.6, 1.3, 1.1, t))
+            RigidMotion::still(
+                Vector3::new(0.3, 0.1, 1.0),
+                UnitQuaternion::from_euler_angles(0.3, 0.2, -0.4),
+            )
+            .shifted(Vector3::new(0.3, -0.5, 0.8), Jet::sine(0.1, 1.4, 0.3, t))
+            .turned(Vector3::y_axis(), Jet::sine(0.7, 0.9, 0.1, t))
+            .turned(Vector3::x_axis(), Jet::sine(0.6, 1.3, 1.1, t))
         };
         let energy = |t: f64| {
             let m = motion(t);
             let world_from_sensor = m.rotation * tool.tcp_from_ft_sensor.rotation;
-            let lever = m.rotation * tool.tcp_from_ft_sensor.translation.vector + world_from_sensor * tool.com;
+            let lever = m.rotation * tool.tcp_from_ft_sensor.translation.vector
+                + world_from_sensor * tool.com;
             let velocity = m.velocity + m.rate.cross(&lever);
             let rate = world_from_sensor.inverse() * m.rate;
             0.5 * tool.mass * velocity.norm_squared() + 0.5 * rate.dot(&(tool.inertia * rate))

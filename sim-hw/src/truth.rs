@@ -3,7 +3,9 @@
 use ft_wire::HostTime;
 use serde::Serialize;
 
-use crate::scenario::{JointKind, MechanismSpec, ObjectSpec, PersonSpec, Scenario, SensorSpec, ToolSpec, TrackerSpec};
+use crate::scenario::{
+    JointKind, MechanismSpec, ObjectSpec, PersonSpec, Scenario, SensorSpec, ToolSpec, TrackerSpec,
+};
 use crate::scene::Scene;
 use crate::world::{Joint, JointState, World, mechanism};
 

@@ -88,8 +88,20 @@ impl World {
     /// An object at rest at `q = 0`.
     #[must_use]
     pub fn new(joint: Joint, object: ObjectSpec, passives: Vec<Box<dyn Passive>>) -> Self {
-        let state = JointState { t: 0.0, q: joint.range[0], dq: 0.0 };
-        Self { joint, object, passives, state, contact: Contact::Stuck, pieces: Vec::new(), steps: 0 }
+        let state = JointState {
+            t: 0.0,
+            q: joint.range[0],
+            dq: 0.0,
+        };
+        Self {
+            joint,
+            object,
+            passives,
+            state,
+            contact: Contact::Stuck,
+            pieces: Vec::new(),
+            steps: 0,
+        }
     }
 
     /// Where the joint is.
@@ -114,7 +126,13 @@ impl World {
     pub fn place(&mut self, q: f64, dq: f64) {
         self.state.q = q;
         self.state.dq = dq;
-        self.contact = if dq == 0.0 { Contact::Stuck } else { Contact::Slipping { direction: dq.signum() } };
+        self.contact = if dq == 0.0 {
+            Contact::Stuck
+        } else {
+            Contact::Slipping {
+                direction: dq.signum(),
+            }
+        };
         self.pieces.clear();
     }
 
@@ -135,7 +153,10 @@ impl World {
                 return Ok(());
             }
         }
-        Err(ScenarioError::NeverRests { rate: self.state.dq, waited_s: f64::from(LONGEST_S) })
+        Err(ScenarioError::NeverRests {
+            rate: self.state.dq,
+            waited_s: f64::from(LONGEST_S),
+        })
     }
 
     /// One step of 1/8000 s under `drive`.
@@ -161,8 +182,17 @@ impl World {
             self.contact = self.breaks_away(drive);
         }
         let Contact::Slipping { direction } = self.contact else {
-            self.pieces.push(Piece { from, acceleration: 0.0, seconds: left, contact: Contact::Stuck });
-            self.state = JointState { t: end, q: from.q, dq: 0.0 };
+            self.pieces.push(Piece {
+                from,
+                acceleration: 0.0,
+                seconds: left,
+                contact: Contact::Stuck,
+            });
+            self.state = JointState {
+                t: end,
+                q: from.q,
+                dq: 0.0,
+            };
             return;
         };
         let start = self.acceleration(drive, from, direction);
@@ -174,20 +204,47 @@ impl World {
         let acceleration = self.acceleration(drive, middle, direction);
         let dq = from.dq + left * acceleration;
         if dq * direction > 0.0 || !may_slip {
-            self.pieces.push(Piece { from, acceleration, seconds: left, contact: self.contact });
+            self.pieces.push(Piece {
+                from,
+                acceleration,
+                seconds: left,
+                contact: self.contact,
+            });
             let q = from.q + left * (from.dq + 0.5 * left * acceleration);
-            self.state = JointState { t: end, q, dq: if may_slip { dq } else { 0.0 } };
+            self.state = JointState {
+                t: end,
+                q,
+                dq: if may_slip { dq } else { 0.0 },
+            };
             return;
         }
         // The rate passes zero inside the step: stop there, and let breakaway decide.
-        let seconds = if acceleration == 0.0 { 0.0 } else { (-from.dq / acceleration).clamp(0.0, left) };
-        self.pieces.push(Piece { from, acceleration, seconds, contact: self.contact });
+        let seconds = if acceleration == 0.0 {
+            0.0
+        } else {
+            (-from.dq / acceleration).clamp(0.0, left)
+        };
+        self.pieces.push(Piece {
+            from,
+            acceleration,
+            seconds,
+            contact: self.contact,
+        });
         let q = from.q + seconds * (from.dq + 0.5 * seconds * acceleration);
-        self.state = JointState { t: from.t + seconds, q, dq: 0.0 };
+        self.state = JointState {
+            t: from.t + seconds,
+            q,
+            dq: 0.0,
+        };
         self.contact = Contact::Stuck;
         if seconds == 0.0 {
             // It broke away and was turned back at once: it holds for this step.
-            self.pieces.push(Piece { from: self.state, acceleration: 0.0, seconds: left, contact: Contact::Stuck });
+            self.pieces.push(Piece {
+                from: self.state,
+                acceleration: 0.0,
+                seconds: left,
+                contact: Contact::Stuck,
+            });
             self.state.t = end;
         }
     }
@@ -195,22 +252,41 @@ impl World {
     fn breaks_away(&self, drive: &dyn Drive) -> Contact {
         let net = drive.effort(self.state) + self.smooth_effort(self.state);
         let dry = self.dry_friction(self.state);
-        let limit = if net > 0.0 { dry.breakaway_forward } else { dry.breakaway_backward };
-        if net.abs() <= limit { Contact::Stuck } else { Contact::Slipping { direction: net.signum() } }
+        let limit = if net > 0.0 {
+            dry.breakaway_forward
+        } else {
+            dry.breakaway_backward
+        };
+        if net.abs() <= limit {
+            Contact::Stuck
+        } else {
+            Contact::Slipping {
+                direction: net.signum(),
+            }
+        }
     }
 
     fn acceleration(&self, drive: &dyn Drive, at: JointState, direction: f64) -> f64 {
-        let net = drive.effort(at) + self.smooth_effort(at) - self.dry_friction(at).kinetic(direction) * direction;
+        let net = drive.effort(at) + self.smooth_effort(at)
+            - self.dry_friction(at).kinetic(direction) * direction;
         net / (self.inertia(at.t) + drive.inertia())
     }
 
     fn inertia(&self, t: f64) -> f64 {
-        self.object.inertia + self.passives.iter().map(|passive| passive.added_inertia(t)).sum::<f64>()
+        self.object.inertia
+            + self
+                .passives
+                .iter()
+                .map(|passive| passive.added_inertia(t))
+                .sum::<f64>()
     }
 
     /// All efforts on the object but the tool's and dry friction's.
     fn smooth_effort(&self, at: JointState) -> f64 {
-        self.passives.iter().map(|passive| passive.effort(at)).sum::<f64>()
+        self.passives
+            .iter()
+            .map(|passive| passive.effort(at))
+            .sum::<f64>()
             + self.joint.gravity_effort(&self.object, at.q)
             + self.stop_effort(at)
             - self.object.viscous * at.dq
@@ -218,7 +294,11 @@ impl World {
 
     fn stop_effort(&self, at: JointState) -> f64 {
         let [closed, open] = self.joint.range;
-        let (depth, inwards) = if at.q < closed { (closed - at.q, 1.0) } else { ((at.q - open).max(0.0), -1.0) };
+        let (depth, inwards) = if at.q < closed {
+            (closed - at.q, 1.0)
+        } else {
+            ((at.q - open).max(0.0), -1.0)
+        };
         if depth == 0.0 {
             return 0.0;
         }
@@ -229,15 +309,26 @@ impl World {
     fn dry_friction(&self, at: JointState) -> DryFriction {
         let breakaway = self.object.breakaway.unwrap_or(self.object.coulomb);
         let own = DryFriction::symmetric(self.object.coulomb, breakaway);
-        self.passives.iter().fold(own, |sum, passive| sum.plus(passive.dry_friction(at)))
+        self.passives
+            .iter()
+            .fold(own, |sum, passive| sum.plus(passive.dry_friction(at)))
     }
 
     /// The motion at `t`, which must lie in the last step.
     #[must_use]
     pub fn moment(&self, drive: &dyn Drive, t: f64) -> Moment {
-        let found = self.pieces.iter().rev().find(|piece| piece.from.t <= t).or(self.pieces.first());
+        let found = self
+            .pieces
+            .iter()
+            .rev()
+            .find(|piece| piece.from.t <= t)
+            .or(self.pieces.first());
         let Some(piece) = found else {
-            return Moment { state: self.state, ddq: 0.0, tool_effort: drive.effort(self.state) };
+            return Moment {
+                state: self.state,
+                ddq: 0.0,
+                tool_effort: drive.effort(self.state),
+            };
         };
         let ahead = (t - piece.from.t).clamp(0.0, piece.seconds);
         let state = JointState {
@@ -249,25 +340,38 @@ impl World {
             Contact::Stuck => 0.0,
             Contact::Slipping { direction } => self.acceleration(drive, state, direction),
         };
-        Moment { state, ddq, tool_effort: drive.effort(state) - drive.inertia() * ddq }
+        Moment {
+            state,
+            ddq,
+            tool_effort: drive.effort(state) - drive.inertia() * ddq,
+        }
     }
 
     /// The effort that the object needs for a motion that slips in `direction` (1 or -1); for tests and truth.
     #[must_use]
     pub fn needed_effort(&self, at: JointState, ddq: f64, direction: f64) -> f64 {
-        self.inertia(at.t) * ddq - self.smooth_effort(at) + direction * self.dry_friction(at).kinetic(direction)
+        self.inertia(at.t) * ddq - self.smooth_effort(at)
+            + direction * self.dry_friction(at).kinetic(direction)
     }
 
     /// The effort on the object from all but tool and friction when it stands at `q`; positive opens.
     #[must_use]
     pub fn standing_effort(&self, q: f64) -> f64 {
-        self.smooth_effort(JointState { t: self.state.t, q, dq: 0.0 })
+        self.smooth_effort(JointState {
+            t: self.state.t,
+            q,
+            dq: 0.0,
+        })
     }
 
     /// The largest effort that dry friction holds at `q`.
     #[must_use]
     pub fn holding_effort(&self, q: f64) -> f64 {
-        let dry = self.dry_friction(JointState { t: self.state.t, q, dq: 0.0 });
+        let dry = self.dry_friction(JointState {
+            t: self.state.t,
+            q,
+            dq: 0.0,
+        });
         dry.breakaway_forward.min(dry.breakaway_backward)
     }
 }

@@ -16,8 +16,10 @@ pub(crate) struct WrenchSensor {
 impl WrenchSensor {
     pub(crate) fn new(spec: &SensorSpec, mut random: Random) -> Self {
         let per_axis = |force: f64, torque: f64| [force, force, force, torque, torque, torque];
-        let bias = per_axis(spec.force_bias_n, spec.torque_bias_nm).map(|size| size * signed(&mut random, 0.2, 1.0));
-        let torque_drift = spec.force_drift_n_per_min * spec.torque_bias_nm / spec.force_bias_n.max(1e-9);
+        let bias = per_axis(spec.force_bias_n, spec.torque_bias_nm)
+            .map(|size| size * signed(&mut random, 0.2, 1.0));
+        let torque_drift =
+            spec.force_drift_n_per_min * spec.torque_bias_nm / spec.force_bias_n.max(1e-9);
         let drift = per_axis(spec.force_drift_n_per_min, torque_drift.min(1.0));
         Self {
             noise: per_axis(spec.force_noise_n, spec.torque_noise_nm),
@@ -53,5 +55,9 @@ impl WrenchSensor {
 
 fn signed(random: &mut Random, least: f64, most: f64) -> f64 {
     let size = random.uniform(least, most);
-    if random.uniform(0.0, 1.0) < 0.5 { -size } else { size }
+    if random.uniform(0.0, 1.0) < 0.5 {
+        -size
+    } else {
+        size
+    }
 }

@@ -13,11 +13,22 @@ use rustix::termios::{self, OptionalActions};
 
 fn server(name: &str, clock: MonotonicClock) -> Server {
     let scenario = Scenario::builtin(name).unwrap();
-    Server::start(&scenario, 1, Some(Duration::from_secs(30)), clock, ServeOptions::default()).unwrap()
+    Server::start(
+        &scenario,
+        1,
+        Some(Duration::from_secs(30)),
+        clock,
+        ServeOptions::default(),
+    )
+    .unwrap()
 }
 
 fn pty(server: &Server, name: &str) -> PathBuf {
-    let served = server.ports().into_iter().find(|served| served.fitted.name == name).unwrap();
+    let served = server
+        .ports()
+        .into_iter()
+        .find(|served| served.fitted.name == name)
+        .unwrap();
     match served.port {
         Port::Pty(path) => path,
         other => panic!("{other:?}"),
@@ -45,7 +56,10 @@ fn heard(port: &mut File, clock: &MonotonicClock, seconds: f64) -> Vec<u8> {
 }
 
 fn frames(bytes: &[u8]) -> usize {
-    bytes.windows(75).filter(|window| window[..4] == [0xA5, 0x5A, 1, 74] && window[74] == 0xA5).count()
+    bytes
+        .windows(75)
+        .filter(|window| window[..4] == [0xA5, 0x5A, 1, 74] && window[74] == 0xA5)
+        .count()
 }
 
 #[test]
@@ -61,7 +75,11 @@ fn a_pty_carries_the_stream_at_its_rate_and_can_be_opened_again() {
         drop(port);
         clock.wait_until(clock.now() + Duration::from_millis(300));
     }
-    assert_eq!(server.stop(), 0, "no one lost a byte while the port was closed");
+    assert_eq!(
+        server.stop(),
+        0,
+        "no one lost a byte while the port was closed"
+    );
 }
 
 #[test]
@@ -74,7 +92,10 @@ fn a_device_on_a_pty_hears_and_answers() {
     port.write_all(&ping).unwrap();
     let answer = heard(&mut port, &clock, 0.2);
     assert_eq!(answer.len(), 14, "{answer:x?}");
-    assert_eq!(answer[..9], [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x07, 0x00, 0x55, 0x00]);
+    assert_eq!(
+        answer[..9],
+        [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x07, 0x00, 0x55, 0x00]
+    );
 }
 
 #[test]
@@ -83,7 +104,11 @@ fn at_a_wrong_speed_there_is_only_garbage() {
     let server = server("wood_door", clock);
     let mut port = opened(&pty(&server, "aria"));
     let mut settings = termios::tcgetattr(&port).unwrap();
-    assert_eq!(settings.output_speed(), 2_000_000, "the speed it was made with");
+    assert_eq!(
+        settings.output_speed(),
+        2_000_000,
+        "the speed it was made with"
+    );
     settings.set_speed(115_200).unwrap();
     termios::tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
     let _ = heard(&mut port, &clock, 0.1);
@@ -108,12 +133,24 @@ fn can_without_an_interface_is_served_in_the_process_and_waits() {
     let server = server("metal_door", clock);
     let mut link = server.can_link("ft_sensor").unwrap();
     let began = clock.now();
-    assert!(link.recv(began + Duration::from_millis(80)).unwrap().is_none());
-    assert!(clock.now() >= began + Duration::from_millis(80), "it waits until the deadline");
-    link.send(&CanFrame::standard(0x64, &[0x0F, 8, 0, 0, 0, 0, 0, 0]).unwrap()).unwrap();
-    let (answer, _) = link.recv(clock.now() + Duration::from_millis(500)).unwrap().unwrap();
+    assert!(
+        link.recv(began + Duration::from_millis(80))
+            .unwrap()
+            .is_none()
+    );
+    assert!(
+        clock.now() >= began + Duration::from_millis(80),
+        "it waits until the deadline"
+    );
+    link.send(&CanFrame::standard(0x64, &[0x0F, 8, 0, 0, 0, 0, 0, 0]).unwrap())
+        .unwrap();
+    let (answer, _) = link
+        .recv(clock.now() + Duration::from_millis(500))
+        .unwrap()
+        .unwrap();
     assert_eq!(answer.payload()[..2], [0x0F, 1]);
-    link.send(&CanFrame::standard(0x64, &[0x0B, 0, 0, 0, 0, 0, 0, 0]).unwrap()).unwrap();
+    link.send(&CanFrame::standard(0x64, &[0x0B, 0, 0, 0, 0, 0, 0, 0]).unwrap())
+        .unwrap();
     let end = clock.now() + Duration::from_secs(1);
     let mut count = 0;
     let mut last = began;
@@ -124,16 +161,25 @@ fn can_without_an_interface_is_served_in_the_process_and_waits() {
     }
     assert!((1900..=2100).contains(&count), "{count}");
     server.stop();
-    assert!(matches!(link.recv(clock.now()), Err(LinkError::Gone { .. })));
+    assert!(matches!(
+        link.recv(clock.now()),
+        Err(LinkError::Gone { .. })
+    ));
 }
 
 #[test]
 fn a_can_interface_that_is_not_there_is_named_with_what_to_do() {
     let scenario = Scenario::builtin("metal_door").unwrap();
-    let options = ServeOptions { vcan: Some("vcan_none".to_owned()) };
-    let error = Server::start(&scenario, 1, None, MonotonicClock::anchored_now(), options).unwrap_err();
+    let options = ServeOptions {
+        vcan: Some("vcan_none".to_owned()),
+    };
+    let error =
+        Server::start(&scenario, 1, None, MonotonicClock::anchored_now(), options).unwrap_err();
     assert!(matches!(error, ServeError::Can { .. }));
-    assert!(error.to_string().contains("vcan_none") && error.to_string().contains("ip link add"), "{error}");
+    assert!(
+        error.to_string().contains("vcan_none") && error.to_string().contains("ip link add"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use ft_drivers::{Clock, MonotonicClock};
-use ft_sim_hw::{Bus, Port, Scenario, ScenarioError, ServeOptions, Server};
+use ft_sim_hw::{Bus, Port, Scenario, ScenarioError, ServeError, ServeOptions, Server};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -51,14 +51,23 @@ enum Command {
 
 /// `30`, `30s` or `1.5`.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number: f64 = text.trim_end_matches('s').parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
+    let number: f64 = text
+        .trim_end_matches('s')
+        .parse()
+        .map_err(|_| format!("{text:?} is not a number of seconds"))?;
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Scenarios => scenarios(),
-        Command::Serve { scenario, seed, duration, vcan, truth } => serve(&scenario, seed, duration, vcan, truth),
+        Command::Serve {
+            scenario,
+            seed,
+            duration,
+            vcan,
+            truth,
+        } => serve(&scenario, seed, duration, vcan, truth),
     };
     match result {
         Ok(code) => code,
@@ -108,7 +117,11 @@ fn serve(
         signal_hook::flag::register(signal, interrupted.clone()).map_err(|error| failed(&error))?;
     }
     let clock = MonotonicClock::anchored_now();
-    let mut server = Server::start(&scenario, seed, duration, clock, ServeOptions { vcan }).map_err(|error| failed(&error))?;
+    let mut server = Server::start(&scenario, seed, duration, clock, ServeOptions { vcan })
+        .map_err(|error| match error {
+            ServeError::Scenario(ScenarioError::TooShort { .. }) => (2, error.to_string()),
+            _ => failed(&error),
+        })?;
     if let Some(path) = &truth {
         write_truth(path, &server)?;
     }
@@ -121,7 +134,12 @@ fn serve(
     }
     let lost = server.stop();
     if lost > 0 {
-        return Err((3, format!("{lost} bytes or frames were not taken in time by the program that had the port open")));
+        return Err((
+            3,
+            format!(
+                "{lost} bytes or frames were not taken in time by the program that had the port open"
+            ),
+        ));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -145,7 +163,10 @@ fn print_ports(scenario: &Scenario, server: &Server) {
             Bus::Serial { baud_bps } => format!("{baud_bps} baud, 8N1"),
             Bus::Can { bitrate_bps } => format!("CAN at {bitrate_bps} bit/s"),
         };
-        println!("  {:10} {:14} {port}  ({bus})", served.fitted.name, served.fitted.driver);
+        println!(
+            "  {:10} {:14} {port}  ({bus})",
+            served.fitted.name, served.fitted.driver
+        );
     }
     println!("Until {} or Ctrl-C.", server.end());
 }

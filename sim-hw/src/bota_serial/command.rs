@@ -46,7 +46,10 @@ const LONGEST: usize = 96;
 
 /// Reads the command at the start of `bytes`, of which at most one is complete.
 pub(super) fn scan(bytes: &[u8]) -> Scanned {
-    let Some(text) = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= LONGEST) else {
+    let Some(text) = std::str::from_utf8(bytes)
+        .ok()
+        .filter(|text| text.len() <= LONGEST)
+    else {
         return Scanned::Never;
     };
     let command = match text.as_bytes() {
@@ -76,7 +79,11 @@ fn with_fields(text: &str) -> Scanned {
     if (letter != "m" && !row.is_empty()) || fields.len() > wanted {
         return Scanned::Never;
     }
-    if fields.len() < wanted || !fields.last().is_some_and(|last| is_complete(last, decimals)) {
+    if fields.len() < wanted
+        || !fields
+            .last()
+            .is_some_and(|last| is_complete(last, decimals))
+    {
         return Scanned::More;
     }
     parse(letter, row, &fields).map_or(Scanned::Never, Scanned::Whole)
@@ -86,7 +93,9 @@ fn with_fields(text: &str) -> Scanned {
 fn is_complete(field: &str, decimals: Option<usize>) -> bool {
     match decimals {
         None => !field.is_empty(),
-        Some(decimals) => field.split_once('.').is_some_and(|(_, fraction)| fraction.len() >= decimals),
+        Some(decimals) => field
+            .split_once('.')
+            .is_some_and(|(_, fraction)| fraction.len() >= decimals),
     }
 }
 
@@ -99,7 +108,10 @@ fn parse(letter: &str, row: &str, fields: &[&str]) -> Option<Command> {
         "f" => {
             let (sinc, flags) = fields.split_first()?;
             let flags: Vec<u8> = numbers(flags)?;
-            Some(Command::Filter(sinc.trim().parse().ok()?, flags.try_into().ok()?))
+            Some(Command::Filter(
+                sinc.trim().parse().ok()?,
+                flags.try_into().ok()?,
+            ))
         }
         "b" => {
             let values: Vec<f64> = numbers(fields)?;
@@ -113,7 +125,10 @@ fn parse(letter: &str, row: &str, fields: &[&str]) -> Option<Command> {
 }
 
 fn numbers<T: std::str::FromStr>(fields: &[&str]) -> Option<Vec<T>> {
-    fields.iter().map(|field| field.trim().parse().ok()).collect()
+    fields
+        .iter()
+        .map(|field| field.trim().parse().ok())
+        .collect()
 }
 
 #[cfg(test)]
@@ -138,8 +153,14 @@ mod tests {
             ("c,0,1,0,4", Command::Communication([0, 1, 0, 4])),
             ("f,64,0,1,1", Command::Filter(64, [0, 1, 1])),
             ("f,4096,1,0,0", Command::Filter(4096, [1, 0, 0])),
-            ("b, 1.500,-2.250, 0.000, 0.100,-0.200,12.345", Command::Offset([1.5, -2.25, 0.0, 0.1, -0.2, 12.345])),
-            ("m3, 0.100000,0.200000,0.300000,0.400000,0.500000,-0.600000", Command::CalibrationRow(3)),
+            (
+                "b, 1.500,-2.250, 0.000, 0.100,-0.200,12.345",
+                Command::Offset([1.5, -2.25, 0.0, 0.1, -0.2, 12.345]),
+            ),
+            (
+                "m3, 0.100000,0.200000,0.300000,0.400000,0.500000,-0.600000",
+                Command::CalibrationRow(3),
+            ),
         ] {
             assert_eq!(fed(text), (Scanned::Whole(command), text.len()), "{text}");
         }

@@ -24,9 +24,14 @@ pub(super) enum Scanned {
 /// Takes the next packet off `inbox`, and what stood before it.
 pub(super) fn scan(inbox: &mut Vec<u8>) -> Scanned {
     loop {
-        let start = inbox.windows(3).position(|window| window == HEADER).unwrap_or(inbox.len().saturating_sub(2));
+        let start = inbox
+            .windows(3)
+            .position(|window| window == HEADER)
+            .unwrap_or(inbox.len().saturating_sub(2));
         inbox.drain(..start);
-        let [_, _, _, reserved, id, length_low, length_high, ..] = inbox[..] else { return Scanned::More };
+        let [_, _, _, reserved, id, length_low, length_high, ..] = inbox[..] else {
+            return Scanned::More;
+        };
         let length = usize::from(u16::from_le_bytes([length_low, length_high]));
         if reserved == 0xFD || !(3..=LONGEST).contains(&length) {
             inbox.drain(..3);
@@ -43,7 +48,11 @@ pub(super) fn scan(inbox: &mut Vec<u8>) -> Scanned {
         }
         let mut content = unstuffed(&body[7..]);
         let code = content.remove(0);
-        return Scanned::Whole(Instruction { id, code, parameters: content });
+        return Scanned::Whole(Instruction {
+            id,
+            code,
+            parameters: content,
+        });
     }
 }
 

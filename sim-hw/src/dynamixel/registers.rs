@@ -16,8 +16,25 @@ const PRESENT_POSITION: usize = 132;
 
 /// Where writing is allowed: address and size. Below 64 only with the torque off.
 const WRITABLE: [(usize, usize); 19] = [
-    (ID, 1), (BAUD, 1), (RETURN_DELAY, 1), (10, 1), (11, 1), (20, 4), (24, 4), (31, 1), (36, 2), (38, 2), (48, 4), (52, 4),
-    (TORQUE_ENABLE, 1), (65, 1), (68, 1), (102, 2), (108, 4), (112, 4), (116, 4),
+    (ID, 1),
+    (BAUD, 1),
+    (RETURN_DELAY, 1),
+    (10, 1),
+    (11, 1),
+    (20, 4),
+    (24, 4),
+    (31, 1),
+    (36, 2),
+    (38, 2),
+    (48, 4),
+    (52, 4),
+    (TORQUE_ENABLE, 1),
+    (65, 1),
+    (68, 1),
+    (102, 2),
+    (108, 4),
+    (112, 4),
+    (116, 4),
 ];
 
 #[derive(Clone, Debug)]
@@ -71,13 +88,18 @@ impl Registers {
 
     pub(super) fn read(&self, address: u16, length: u16) -> Result<Vec<u8>, Fault> {
         let start = usize::from(address);
-        let bytes = self.table.get(start..start + usize::from(length)).filter(|bytes| !bytes.is_empty());
+        let bytes = self
+            .table
+            .get(start..start + usize::from(length))
+            .filter(|bytes| !bytes.is_empty());
         bytes.map(<[u8]>::to_vec).ok_or(Fault::DataRange)
     }
 
     pub(super) fn write(&mut self, address: u16, data: &[u8]) -> Result<(), Fault> {
         let start = usize::from(address);
-        let Some((_, size)) = WRITABLE.iter().find(|(writable, _)| *writable == start) else { return Err(Fault::Access) };
+        let Some((_, size)) = WRITABLE.iter().find(|(writable, _)| *writable == start) else {
+            return Err(Fault::Access);
+        };
         if data.len() != *size {
             return Err(Fault::DataLength);
         }

@@ -28,8 +28,12 @@ impl Grip {
     pub(crate) fn new(spec: &PersonSpec, [grasp, release]: [f64; 2], random: &mut Random) -> Self {
         let share = std::f64::consts::FRAC_1_SQRT_2;
         Self {
-            across: std::array::from_fn(|_| Wave::new(random, share * spec.off_axis_force_n, LEAN_HZ)),
-            torques: std::array::from_fn(|_| Wave::new(random, spec.off_axis_torque_nm / 3.0_f64.sqrt(), LEAN_HZ)),
+            across: std::array::from_fn(|_| {
+                Wave::new(random, share * spec.off_axis_force_n, LEAN_HZ)
+            }),
+            torques: std::array::from_fn(|_| {
+                Wave::new(random, spec.off_axis_torque_nm / 3.0_f64.sqrt(), LEAN_HZ)
+            }),
             about_axis: Wave::new(random, spec.about_axis_torque_nm, LEAN_HZ),
             grasp,
             release,
@@ -37,25 +41,38 @@ impl Grip {
     }
 
     /// The wrench on the object whose effort along the joint is `effort`, at the tool centre point `tcp`.
-    pub(crate) fn wrench(&self, joint: &Joint, tcp: Vector3<f64>, effort: f64, t: f64) -> ContactWrench {
+    pub(crate) fn wrench(
+        &self,
+        joint: &Joint,
+        tcp: Vector3<f64>,
+        effort: f64,
+        t: f64,
+    ) -> ContactWrench {
         let held = Jet::window(t - self.grasp, self.release - self.grasp, 0.4).value;
         let per_rate = joint.velocity_per_rate(tcp);
         let lever = per_rate.norm();
         let along = per_rate / lever;
         let axis = joint.axis.into_inner();
-        let helper = if along.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() };
+        let helper = if along.z.abs() < 0.9 {
+            Vector3::z()
+        } else {
+            Vector3::x()
+        };
         let first = along.cross(&helper).normalize();
         let second = along.cross(&first);
-        let mut moment =
-            Vector3::from_fn(|row, _| held * self.torques[row].value(t));
+        let mut moment = Vector3::from_fn(|row, _| held * self.torques[row].value(t));
         let mut working = 0.0;
         if joint.kind == JointKind::Revolute {
             working = held * self.about_axis.value(t);
             moment += axis * (working - axis.dot(&moment));
         }
         let push = (effort - working) / lever;
-        let lean = first * (held * self.across[0].value(t)) + second * (held * self.across[1].value(t) + LEAK * push);
-        ContactWrench { force: along * push + lean, moment }
+        let lean = first * (held * self.across[0].value(t))
+            + second * (held * self.across[1].value(t) + LEAK * push);
+        ContactWrench {
+            force: along * push + lean,
+            moment,
+        }
     }
 }
 
@@ -68,7 +85,10 @@ mod tests {
 
     #[test]
     fn leaning_on_the_tool_does_no_work() {
-        let spec = PersonSpec { off_axis_force_n: 15.0, ..PersonSpec::default() };
+        let spec = PersonSpec {
+            off_axis_force_n: 15.0,
+            ..PersonSpec::default()
+        };
         for kind in [JointKind::Revolute, JointKind::Prismatic] {
             let joint = Joint {
                 kind,

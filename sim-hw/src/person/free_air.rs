@@ -61,7 +61,11 @@ impl FreeAir {
             })
             .collect();
         let mut oscillation = |amplitude: f64| {
-            [amplitude * random.uniform(0.8, 1.2), random.uniform(1.6, 3.2), random.uniform(0.0, 6.28)]
+            [
+                amplitude * random.uniform(0.8, 1.2),
+                random.uniform(1.6, 3.2),
+                random.uniform(0.0, std::f64::consts::TAU),
+            ]
         };
         let shifts = std::array::from_fn(|_| oscillation(0.035));
         let turns = std::array::from_fn(|_| oscillation(0.28));
@@ -83,18 +87,29 @@ impl FreeAir {
         let leg = TURN_S + STILL_S;
         let shake_begins = 4.0 * leg;
         let approach_begins = shake_begins + SHAKE_S;
-        let calm = Jet::constant(1.0).plus(Jet::rise(t - self.time(approach_begins), self.stretch * APPROACH_S).scaled(-1.0));
+        let calm = Jet::constant(1.0).plus(
+            Jet::rise(t - self.time(approach_begins), self.stretch * APPROACH_S).scaled(-1.0),
+        );
         let motion = if since < shake_begins {
             let index = (since / leg).floor().clamp(0.0, 3.0) as usize;
-            self.travel(self.stances[index], self.stances[index + 1], t, index as f64 * leg, TURN_S)
+            self.travel(
+                self.stances[index],
+                self.stances[index + 1],
+                t,
+                index as f64 * leg,
+                TURN_S,
+            )
         } else if since < approach_begins {
             self.shake(t - self.time(shake_begins))
         } else {
             self.travel(self.stances[4], self.grasp, t, approach_begins, APPROACH_S)
         };
-        self.tremor.iter().enumerate().fold(motion, |motion, (axis, wave)| {
-            motion.shifted(Vector3::ith(axis, 1.0), wave.at(t).times(calm))
-        })
+        self.tremor
+            .iter()
+            .enumerate()
+            .fold(motion, |motion, (axis, wave)| {
+                motion.shifted(Vector3::ith(axis, 1.0), wave.at(t).times(calm))
+            })
     }
 
     /// The tool centre point after it let go at `held`, at `released`.
@@ -111,7 +126,8 @@ impl FreeAir {
     fn travel(&self, from: Stance, to: Stance, t: f64, begins: f64, seconds: f64) -> RigidMotion {
         let rise = Jet::rise(t - self.time(begins), self.stretch * seconds);
         let turn = (from.rotation.inverse() * to.rotation).scaled_axis();
-        let motion = RigidMotion::still(from.position, from.rotation).shifted(to.position - from.position, rise);
+        let motion = RigidMotion::still(from.position, from.rotation)
+            .shifted(to.position - from.position, rise);
         match Unit::try_new_and_get(turn, 1e-9) {
             Some((axis, angle)) => motion.turned(axis, rise.scaled(angle)),
             None => motion,
@@ -120,11 +136,15 @@ impl FreeAir {
 
     fn shake(&self, t: f64) -> RigidMotion {
         let Stance { position, rotation } = self.stances[4];
-        let window = Jet::window(t, self.stretch * SHAKE_S, 0.45 * self.stretch).scaled(self.shake_share);
+        let window =
+            Jet::window(t, self.stretch * SHAKE_S, 0.45 * self.stretch).scaled(self.shake_share);
         let mut motion = RigidMotion::still(position, rotation);
         for axis in 0..3 {
             let [amplitude, hz, phase] = self.shifts[axis];
-            motion = motion.shifted(Vector3::ith(axis, 1.0), Jet::sine(amplitude, hz, phase, t).times(window));
+            motion = motion.shifted(
+                Vector3::ith(axis, 1.0),
+                Jet::sine(amplitude, hz, phase, t).times(window),
+            );
         }
         for axis in 0..3 {
             let [amplitude, hz, phase] = self.turns[axis];
@@ -142,7 +162,12 @@ mod tests {
 
     fn free_air() -> FreeAir {
         let rotation = UnitQuaternion::from_euler_angles(1.2, 0.1, 0.4);
-        FreeAir::new(Vector3::new(1.0, 2.0, 1.1), rotation, [2.0, 10.0], &mut Random::new(8, Stream::Person))
+        FreeAir::new(
+            Vector3::new(1.0, 2.0, 1.1),
+            rotation,
+            [2.0, 10.0],
+            &mut Random::new(8, Stream::Person),
+        )
     }
 
     #[test]
@@ -151,11 +176,19 @@ mod tests {
         let h = 1e-5;
         for step in 0..1990 {
             let t = 0.005 * f64::from(step) + 0.0017;
-            let (before, here, after) = (free_air.before(t - h), free_air.before(t), free_air.before(t + h));
+            let (before, here, after) = (
+                free_air.before(t - h),
+                free_air.before(t),
+                free_air.before(t + h),
+            );
             let velocity = (after.position - before.position) / (2.0 * h);
             let rate = (after.rotation * before.rotation.inverse()).scaled_axis() / (2.0 * h);
             let acceleration = (after.velocity - before.velocity) / (2.0 * h);
-            assert!((velocity - here.velocity).norm() < 1e-4, "at {t}: {velocity} {}", here.velocity);
+            assert!(
+                (velocity - here.velocity).norm() < 1e-4,
+                "at {t}: {velocity} {}",
+                here.velocity
+            );
             assert!((rate - here.rate).norm() < 1e-4, "at {t}");
             assert!((acceleration - here.acceleration).norm() < 0.05, "at {t}");
         }
@@ -164,7 +197,9 @@ mod tests {
     #[test]
     fn it_is_held_still_in_four_different_orientations() {
         let free_air = free_air();
-        let held: Vec<_> = (0..4).map(|index| free_air.before(2.0 + 1.3 * f64::from(index) + 0.9)).collect();
+        let held: Vec<_> = (0..4)
+            .map(|index| free_air.before(2.0 + 1.3 * f64::from(index) + 0.9))
+            .collect();
         for motion in &held {
             assert!(motion.rate.norm() < 1e-12 && motion.acceleration.norm() < 1.0);
         }

@@ -39,9 +39,17 @@ impl Played<CanFrame> for RobotousCan {
         self.send(at, record, out);
     }
 
-    fn receive(&mut self, at: SimNanos, frame: &CanFrame, scene: &Scene, out: &mut Outbox<CanFrame>) {
+    fn receive(
+        &mut self,
+        at: SimNanos,
+        frame: &CanFrame,
+        scene: &Scene,
+        out: &mut Outbox<CanFrame>,
+    ) {
         let [host, ..] = self.rft.ids();
-        let Ok(data) = <[u8; 8]>::try_from(frame.payload()) else { return };
+        let Ok(data) = <[u8; 8]>::try_from(frame.payload()) else {
+            return;
+        };
         if frame.is_extended() || frame.arbitration_id() != u32::from(host) {
             return;
         }

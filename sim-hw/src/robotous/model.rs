@@ -16,7 +16,15 @@ pub(crate) struct Model {
 const fn model(name: &'static str, scale: [f64; 2], rated: [f64; 3], max_rate_hz: f64) -> Model {
     let [counts_per_newton, counts_per_newton_metre] = scale;
     let [rated_lateral_n, rated_axial_n, rated_nm] = rated;
-    Model { name, counts_per_newton, counts_per_newton_metre, rated_lateral_n, rated_axial_n, rated_nm, max_rate_hz }
+    Model {
+        name,
+        counts_per_newton,
+        counts_per_newton_metre,
+        rated_lateral_n,
+        rated_axial_n,
+        rated_nm,
+        max_rate_hz,
+    }
 }
 
 const MODELS: [Model; 8] = [
@@ -47,12 +55,21 @@ impl Model {
 
     /// The rates that the model reaches, for people.
     pub(crate) fn rates_text(&self) -> String {
-        let reached = RATES_HZ[1..].iter().filter(|rate| **rate <= self.max_rate_hz);
-        reached.map(ToString::to_string).collect::<Vec<_>>().join(", ")
+        let reached = RATES_HZ[1..]
+            .iter()
+            .filter(|rate| **rate <= self.max_rate_hz);
+        reached
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join(", ")
     }
 
     pub(crate) fn counts_per_unit(&self, axis: usize) -> f64 {
-        if axis < 3 { self.counts_per_newton } else { self.counts_per_newton_metre }
+        if axis < 3 {
+            self.counts_per_newton
+        } else {
+            self.counts_per_newton_metre
+        }
     }
 
     pub(crate) fn rated(&self, axis: usize) -> f64 {

@@ -17,18 +17,27 @@ fn rft(interface: Interface) -> Rft {
     let mut spec = Scenario::builtin("drawer_light").unwrap().sensor;
     spec.force_bias_n = 60.0;
     let gauges = WrenchSensor::new(&spec, Random::new(1, Stream::Sensor));
-    Rft::new(Model::named("RFT64-SB01").unwrap(), gauges, DeviceClock::new(&spec.clock, 0.0), interface)
+    Rft::new(
+        Model::named("RFT64-SB01").unwrap(),
+        gauges,
+        DeviceClock::new(&spec.clock, 0.0),
+        interface,
+    )
 }
 
 /// What a UART sensor answers to `bytes`.
 fn asked(sensor: &mut RobotousUart, bytes: &[u8]) -> Vec<u8> {
     let mut out = Vec::new();
     sensor.receive(100_000_000, &Chunk::new(bytes).unwrap(), &scene(), &mut out);
-    out.iter().flat_map(|(_, chunk)| chunk.as_slice().to_vec()).collect()
+    out.iter()
+        .flat_map(|(_, chunk)| chunk.as_slice().to_vec())
+        .collect()
 }
 
 fn bytes(hex: &str) -> Vec<u8> {
-    hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
+    hex.split_whitespace()
+        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
+        .collect()
 }
 
 fn uart(baud_code: u8) -> RobotousUart {
@@ -40,7 +49,10 @@ fn a_record_is_packed_as_the_manual_packs_it() {
     // Manual 1.82: raw F = (617, -250, -1001), T = (500, -1000, 2000).
     let mut record = [0; 16];
     record[0] = START;
-    for (axis, counts) in [617_i16, -250, -1001, 500, -1000, 2000].into_iter().enumerate() {
+    for (axis, counts) in [617_i16, -250, -1001, 500, -1000, 2000]
+        .into_iter()
+        .enumerate()
+    {
         record[1 + 2 * axis..3 + 2 * axis].copy_from_slice(&counts.to_be_bytes());
     }
     let golden = "55 0B 02 69 FF 06 FC 17 01 F4 FC 18 07 D0 00 00 00 6E AA";
@@ -54,7 +66,11 @@ fn the_golden_answers_of_the_manual_come_out() {
     let done = bytes("55 0F 01 00 00 00 00 00 00 00 00 00 00 00 00 00 00 10 AA");
     assert_eq!(asked(&mut sensor, &set_rate_1000), done);
     let out_of_range = bytes("55 0F 00 02 00 00 00 00 00 00 00 00 00 00 00 00 00 11 AA");
-    assert_eq!(asked(&mut uart(0), &set_rate_1000), out_of_range, "115200 does not carry 1000 Hz");
+    assert_eq!(
+        asked(&mut uart(0), &set_rate_1000),
+        out_of_range,
+        "115200 does not carry 1000 Hz"
+    );
     let model = bytes("55 01 00 00 00 00 00 00 00 01 AA");
     let golden = bytes("55 01 52 46 54 36 34 2D 53 42 30 31 00 00 00 00 00 7A AA");
     assert_eq!(asked(&mut sensor, &model), golden);
@@ -69,7 +85,11 @@ fn every_uart_rate_carries_what_the_manual_allows() {
             let mut command = vec![0x55, SET_RATE, code, 0, 0, 0, 0, 0, 0];
             command.extend([SET_RATE.wrapping_add(code), 0xAA]);
             let answer = asked(&mut uart(baud_code), &command);
-            assert_eq!(answer[2] == 1, code <= most, "baud code {baud_code}, rate code {code}");
+            assert_eq!(
+                answer[2] == 1,
+                code <= most,
+                "baud code {baud_code}, rate code {code}"
+            );
         }
     }
 }
@@ -79,7 +99,11 @@ fn while_streaming_only_stop_and_bias_are_executed() {
     let mut sensor = uart(1);
     assert!(asked(&mut sensor, &bytes("55 0B 00 00 00 00 00 00 00 0B AA")).is_empty());
     assert!(sensor.next_event().is_some());
-    for command in ["55 01 00 00 00 00 00 00 00 01 AA", "55 0F 08 00 00 00 00 00 00 17 AA", "55 0A 00 00 00 00 00 00 00 0A AA"] {
+    for command in [
+        "55 01 00 00 00 00 00 00 00 01 AA",
+        "55 0F 08 00 00 00 00 00 00 17 AA",
+        "55 0A 00 00 00 00 00 00 00 0A AA",
+    ] {
         assert!(asked(&mut sensor, &bytes(command)).is_empty(), "{command}");
     }
     assert!(asked(&mut sensor, &bytes("55 11 01 00 00 00 00 00 00 12 AA")).is_empty());
@@ -101,7 +125,9 @@ fn bias_zeroes_the_output_until_it_is_taken_back() {
     let after = force(&asked(&mut sensor, &once));
     // Five standard deviations of two samples.
     let scatter = 5.0 * 1.5 * 0.08 * 50.0;
-    assert!(f64::from(zeroed).abs() < scatter && (f64::from(before) - f64::from(after)).abs() < scatter);
+    assert!(
+        f64::from(zeroed).abs() < scatter && (f64::from(before) - f64::from(after)).abs() < scatter
+    );
     assert!(f64::from(before).abs() > scatter, "{before}");
 }
 
@@ -111,11 +137,25 @@ fn an_overload_shows_its_axis_and_is_counted() {
     spec.force_bias_n = 5000.0;
     let gauges = WrenchSensor::new(&spec, Random::new(1, Stream::Sensor));
     let clock = DeviceClock::new(&spec.clock, 0.0);
-    let mut rft = Rft::new(Model::named("RFT64-6A01").unwrap(), gauges, clock, Interface::Can);
+    let mut rft = Rft::new(
+        Model::named("RFT64-6A01").unwrap(),
+        gauges,
+        clock,
+        Interface::Can,
+    );
     let record = rft.record(ONCE, 100_000_000, &scene());
     assert_eq!(record[13] & 0b11_1000, 0b11_1000, "{:#b}", record[13]);
-    assert_eq!(i16::from_be_bytes([record[1], record[2]]).unsigned_abs(), if record[1] & 0x80 == 0 { 32_767 } else { 32_768 });
-    let counters = rft.command(0, [OVERLOADS, 0, 0, 0, 0, 0, 0, 0], &scene()).unwrap();
+    assert_eq!(
+        i16::from_be_bytes([record[1], record[2]]).unsigned_abs(),
+        if record[1] & 0x80 == 0 {
+            32_767
+        } else {
+            32_768
+        }
+    );
+    let counters = rft
+        .command(0, [OVERLOADS, 0, 0, 0, 0, 0, 0, 0], &scene())
+        .unwrap();
     assert_eq!(counters[1..4], [1, 1, 1]);
 }
 
@@ -135,9 +175,15 @@ fn on_can_a_record_is_a_pair_of_frames_and_foreign_frames_are_not_heard() {
     sensor.receive(100_000_000, &start, &scene(), &mut out);
     assert!(out.is_empty(), "start has no answer but the stream");
     let due = sensor.next_event().unwrap();
-    assert!((due - 105_000_000).abs() < 2000, "200 Hz after power-up: {due}");
+    assert!(
+        (due - 105_000_000).abs() < 2000,
+        "200 Hz after power-up: {due}"
+    );
     sensor.run(due, &scene(), &mut out);
-    let ids: Vec<u32> = out.iter().map(|(_, frame)| frame.arbitration_id()).collect();
+    let ids: Vec<u32> = out
+        .iter()
+        .map(|(_, frame)| frame.arbitration_id())
+        .collect();
     assert_eq!(ids, [1, 2]);
     assert!(out.iter().all(|(_, frame)| frame.payload().len() == 8));
     assert_eq!(out[0].1.payload()[0], 0x0B);

@@ -17,7 +17,10 @@ pub(crate) struct RobotousUart {
 
 impl RobotousUart {
     pub(crate) fn new(rft: Rft) -> Self {
-        Self { rft, inbox: Vec::new() }
+        Self {
+            rft,
+            inbox: Vec::new(),
+        }
     }
 }
 
@@ -38,7 +41,10 @@ fn sum(data: &[u8]) -> u8 {
 /// The next whole command of `inbox`, which loses it and what stood before it.
 fn take_command(inbox: &mut Vec<u8>) -> Option<[u8; 8]> {
     loop {
-        let start = inbox.iter().position(|byte| *byte == 0x55).unwrap_or(inbox.len());
+        let start = inbox
+            .iter()
+            .position(|byte| *byte == 0x55)
+            .unwrap_or(inbox.len());
         inbox.drain(..start);
         if inbox.len() < COMMAND_LENGTH {
             return None;

@@ -310,7 +310,10 @@ pub struct ClockSpec {
 
 impl Default for ClockSpec {
     fn default() -> Self {
-        Self { reads_s: None, skew_ppm: 23.0 }
+        Self {
+            reads_s: None,
+            skew_ppm: 23.0,
+        }
     }
 }
 
@@ -343,7 +346,10 @@ impl Default for TrackerSpec {
             wander_m: 1.5e-3,
             wander_deg: 0.1,
             wander_s: 10.0,
-            clock: ClockSpec { reads_s: None, skew_ppm: -11.0 },
+            clock: ClockSpec {
+                reads_s: None,
+                skew_ppm: -11.0,
+            },
         }
     }
 }
@@ -364,6 +370,11 @@ pub struct GripperSpec {
 
 impl Default for GripperSpec {
     fn default() -> Self {
-        Self { id: 1, baud_bps: 57_600, rate_hz: 50.0, jitter_m: 3e-5 }
+        Self {
+            id: 1,
+            baud_bps: 57_600,
+            rate_hz: 50.0,
+            jitter_m: 3e-5,
+        }
     }
 }

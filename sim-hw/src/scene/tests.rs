@@ -30,11 +30,15 @@ fn the_recorded_wrench_is_the_objects_equation_of_motion() {
             let world_from_sensor = tcp.rotation * scene.tool.tcp_from_ft_sensor.rotation;
             let force = -(world_from_sensor * Vector3::new(fx - own[0], fy - own[1], fz - own[2]));
             let moment = -(world_from_sensor * Vector3::new(tx - own[3], ty - own[4], tz - own[5]));
-            let sensor = tcp.position + tcp.rotation * scene.tool.tcp_from_ft_sensor.translation.vector;
+            let sensor =
+                tcp.position + tcp.rotation * scene.tool.tcp_from_ft_sensor.translation.vector;
             let effort = joint.effort_of(sensor, force, moment);
             let crate::world::JointState { dq, .. } = sight.moment.state;
             if dq != 0.0 {
-                let needed = scene.world.needed_effort(sight.moment.state, sight.moment.ddq, dq.signum());
+                let needed =
+                    scene
+                        .world
+                        .needed_effort(sight.moment.state, sight.moment.ddq, dq.signum());
                 worst = worst.max((effort - needed).abs());
                 slipping += 1;
             }
@@ -65,7 +69,8 @@ fn the_tools_motion_is_the_derivative_of_itself_all_along() {
 #[test]
 fn every_object_is_probed_over_its_range_and_speeds_and_is_at_rest_in_the_end() {
     for name in Scenario::builtin_names() {
-        let (mut least, mut most, mut fastest, mut hardest, mut strongest) = (9.0_f64, -9.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut least, mut most, mut fastest, mut hardest, mut strongest) =
+            (9.0_f64, -9.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         let mut slow = 0;
         let mut last = None;
         let mut lever = 1.0;
@@ -83,14 +88,22 @@ fn every_object_is_probed_over_its_range_and_speeds_and_is_at_rest_in_the_end() 
             last = Some(state);
         });
         let [closed, open] = Scenario::builtin(name).unwrap().joint.range;
-        println!("{name:14} q {least:.3}..{most:.3} of {closed}..{open}, {fastest:.2} m/s, {hardest:.1} m/s2, {strongest:.0} N, slow {slow}");
-        assert!(least < closed + 0.05 * (open - closed) && most > 0.85 * open, "{name}");
+        println!(
+            "{name:14} q {least:.3}..{most:.3} of {closed}..{open}, {fastest:.2} m/s, {hardest:.1} m/s2, {strongest:.0} N, slow {slow}"
+        );
+        assert!(
+            least < closed + 0.05 * (open - closed) && most > 0.85 * open,
+            "{name}"
+        );
         assert!((0.5..2.2).contains(&fastest), "{name}: {fastest} m/s");
         assert!(hardest > 2.5, "{name}: {hardest} m/s^2");
         assert!(strongest < 140.0, "{name}: {strongest} N");
         assert!(slow > 5000, "{name}: {slow}");
         let last = last.unwrap();
-        assert!(last.dq == 0.0 && last.q < closed + 0.05 * (open - closed), "{name}: {last:?}");
+        assert!(
+            last.dq == 0.0 && last.q < closed + 0.05 * (open - closed),
+            "{name}: {last:?}"
+        );
     }
 }
 
@@ -110,25 +123,48 @@ fn a_closer_pulls_the_door_shut_while_the_hand_yields() {
         t += 0.01;
     }
     assert!(following.len() > 500, "{}", following.len());
-    let (least, most) = following.iter().fold((9.0_f64, -9.0_f64), |(least, most), (q, _)| (least.min(*q), most.max(*q)));
-    assert!(most > 1.0 && least < 0.05, "it closes by itself: {least} to {most}");
-    let soft = following.iter().filter(|(_, effort)| effort.abs() < 4.0).count();
-    assert!(soft * 2 > following.len(), "the hand hardly pushes: {soft} of {}", following.len());
+    let (least, most) = following
+        .iter()
+        .fold((9.0_f64, -9.0_f64), |(least, most), (q, _)| {
+            (least.min(*q), most.max(*q))
+        });
+    assert!(
+        most > 1.0 && least < 0.05,
+        "it closes by itself: {least} to {most}"
+    );
+    let soft = following
+        .iter()
+        .filter(|(_, effort)| effort.abs() < 4.0)
+        .count();
+    assert!(
+        soft * 2 > following.len(),
+        "the hand hardly pushes: {soft} of {}",
+        following.len()
+    );
 }
 
 #[test]
 fn a_run_too_short_to_grasp_is_refused() {
     let scenario = Scenario::builtin("wood_door").unwrap();
     for seconds in [0.0, 3.9, f64::NAN] {
-        assert!(matches!(Scene::new(&scenario, 1, Some(seconds)), Err(ScenarioError::TooShort { .. })));
+        assert!(matches!(
+            Scene::new(&scenario, 1, Some(seconds)),
+            Err(ScenarioError::TooShort { .. })
+        ));
     }
     for seconds in [4.0, 8.0, 20.0, 71.0, 200.0] {
         let timeline = Timeline::lasting(Some(seconds)).unwrap();
-        assert!(timeline.release - timeline.grasp >= 0.49 * seconds, "{timeline:?}");
+        assert!(
+            timeline.release - timeline.grasp >= 0.49 * seconds,
+            "{timeline:?}"
+        );
         assert_eq!(timeline.end, seconds);
     }
     let whole = Timeline::lasting(None).unwrap();
-    assert!((whole.release - whole.grasp - 60.0).abs() < 1e-9 && (whole.grasp - whole.free_air_begin - 8.0).abs() < 1e-9);
+    assert!(
+        (whole.release - whole.grasp - 60.0).abs() < 1e-9
+            && (whole.grasp - whole.free_air_begin - 8.0).abs() < 1e-9
+    );
 }
 
 #[test]
@@ -140,5 +176,8 @@ fn an_object_that_never_rests_is_refused() {
     scenario.object.stop_damping = 0.0;
     scenario.object.stop_stiffness = 50.0;
     scenario.mechanisms.clear();
-    assert!(matches!(Scene::new(&scenario, 1, None), Err(ScenarioError::NeverRests { .. })));
+    assert!(matches!(
+        Scene::new(&scenario, 1, None),
+        Err(ScenarioError::NeverRests { .. })
+    ));
 }

@@ -34,7 +34,11 @@ impl Pty {
         };
         let failed = |call| {
             let device = fitted.name.clone();
-            move |source: rustix::io::Errno| ServeError::Pty { device, call, source: source.into() }
+            move |source: rustix::io::Errno| ServeError::Pty {
+                device,
+                call,
+                source: source.into(),
+            }
         };
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let master = rustix::pty::openpt(flags).map_err(failed("openpt"))?;
@@ -43,15 +47,27 @@ impl Pty {
         let name = rustix::pty::ptsname(&master, Vec::new()).map_err(failed("ptsname"))?;
         let path = PathBuf::from(name.to_string_lossy().into_owned());
         // Set the far end up once and close it: its settings stay, and from then on a hang-up says that nobody is there.
-        let slave = rustix::fs::open(&path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())
-            .map_err(failed("open"))?;
+        let slave = rustix::fs::open(
+            &path,
+            OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )
+        .map_err(failed("open"))?;
         let mut settings = termios::tcgetattr(&slave).map_err(failed("tcgetattr"))?;
         settings.make_raw();
-        settings.set_speed(device_bps).map_err(failed("set_speed"))?;
+        settings
+            .set_speed(device_bps)
+            .map_err(failed("set_speed"))?;
         termios::tcsetattr(&slave, OptionalActions::Now, &settings).map_err(failed("tcsetattr"))?;
         let mode = rustix::fs::fcntl_getfl(&master).map_err(failed("fcntl"))?;
         rustix::fs::fcntl_setfl(&master, mode | OFlags::NONBLOCK).map_err(failed("fcntl"))?;
-        Ok(Self { master, path, device_bps, opened: false, dropped: 0 })
+        Ok(Self {
+            master,
+            path,
+            device_bps,
+            opened: false,
+            dropped: 0,
+        })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -65,7 +81,13 @@ impl Pty {
 
     fn is_open(&mut self) -> bool {
         let mut polled = [PollFd::new(&self.master, PollFlags::IN)];
-        let asked = rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 }));
+        let asked = rustix::event::poll(
+            &mut polled,
+            Some(&Timespec {
+                tv_sec: 0,
+                tv_nsec: 0,
+            }),
+        );
         let open = asked.is_ok() && !polled[0].revents().contains(PollFlags::HUP);
         if self.opened && !open {
             // What the last program left unread is not for the next one.
@@ -76,7 +98,8 @@ impl Pty {
     }
 
     fn is_garbled(&self) -> bool {
-        termios::tcgetattr(&self.master).is_ok_and(|settings| settings.output_speed() != self.device_bps)
+        termios::tcgetattr(&self.master)
+            .is_ok_and(|settings| settings.output_speed() != self.device_bps)
     }
 
     pub(super) fn read(&mut self, mut heard: impl FnMut(Chunk)) {
@@ -85,7 +108,11 @@ impl Pty {
         }
         let mut buffer = [0; Chunk::CAPACITY];
         while let Ok(count @ 1..) = rustix::io::read(&self.master, &mut buffer) {
-            let bytes = if self.is_garbled() { garbled(&buffer[..count]) } else { buffer[..count].to_vec() };
+            let bytes = if self.is_garbled() {
+                garbled(&buffer[..count])
+            } else {
+                buffer[..count].to_vec()
+            };
             Chunk::new(&bytes).into_iter().for_each(&mut heard);
         }
     }
@@ -96,7 +123,11 @@ impl Pty {
         if !self.opened {
             return;
         }
-        let sent = if self.is_garbled() { garbled(bytes) } else { bytes.to_vec() };
+        let sent = if self.is_garbled() {
+            garbled(bytes)
+        } else {
+            bytes.to_vec()
+        };
         let taken = rustix::io::write(&self.master, &sent).unwrap_or(0);
         self.dropped += (sent.len() - taken) as u64;
     }
@@ -104,6 +135,9 @@ impl Pty {
 
 /// What a UART at another rate makes of `bytes`: fewer, and none as it was.
 fn garbled(bytes: &[u8]) -> Vec<u8> {
-    let kept = bytes.iter().enumerate().filter(|(index, _)| index % 3 != 2 || bytes.len() < 3);
+    let kept = bytes
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| index % 3 != 2 || bytes.len() < 3);
     kept.map(|(_, byte)| byte.rotate_left(3) ^ 0x5C).collect()
 }

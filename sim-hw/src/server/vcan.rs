@@ -13,7 +13,10 @@ pub(super) struct Vcan {
 
 impl Vcan {
     pub(super) fn open(interface: &str) -> Result<Self, ServeError> {
-        let failed = |source| ServeError::Can { interface: interface.to_owned(), source };
+        let failed = |source| ServeError::Can {
+            interface: interface.to_owned(),
+            source,
+        };
         let socket = CanSocket::open(interface).map_err(failed)?;
         socket.set_nonblocking(true).map_err(failed)?;
         Ok(Self { socket, dropped: 0 })
@@ -25,7 +28,9 @@ impl Vcan {
 
     pub(super) fn read(&self, mut heard: impl FnMut(CanFrame)) {
         while let Ok(frame) = self.socket.read_frame() {
-            let socketcan::CanFrame::Data(data) = frame else { continue };
+            let socketcan::CanFrame::Data(data) = frame else {
+                continue;
+            };
             let frame = match data.id() {
                 Id::Standard(id) => CanFrame::standard(id.as_raw(), data.data()),
                 Id::Extended(id) => CanFrame::extended(id.as_raw(), data.data()),
@@ -39,7 +44,10 @@ impl Vcan {
         let id = if frame.is_extended() {
             ExtendedId::new(id).map(Id::Extended)
         } else {
-            u16::try_from(id).ok().and_then(StandardId::new).map(Id::Standard)
+            u16::try_from(id)
+                .ok()
+                .and_then(StandardId::new)
+                .map(Id::Standard)
         };
         let sent = id
             .and_then(|id| socketcan::CanFrame::new(id, frame.payload()))

@@ -77,15 +77,15 @@ pub struct PayloadEstimate {
 
 impl KnownSetup {
     pub(super) fn draw(scenario: &Scenario, seed: u64, tool: &Tool) -> Self {
-        let mut random = Random::new(seed, Stream::Setting);
-        // Skip what the setting itself draws from this stream.
-        let _ = random.normals::<8>();
+        let mut random = Random::new(seed, Stream::Calibration);
         let spec = &scenario.tool;
         let mass_std_kg = 0.01 * spec.mass_kg;
         let com_std = 0.8e-3;
         let inertia_std = spec.inertia_kgm2.map(|moment| 0.08 * moment.abs() + 2e-5);
         // A standard deviation off, one way or the other, so that it is never the truth by chance.
-        let mut off = |std: f64| std * random.uniform(0.6, 1.3) * if random.normal() < 0.0 { -1.0 } else { 1.0 };
+        let mut off = |std: f64| {
+            std * random.uniform(0.6, 1.3) * if random.normal() < 0.0 { -1.0 } else { 1.0 }
+        };
         Self {
             aria_device_from_tcp: pose(&tool.aria_device_from_tcp),
             tcp_from_ft_sensor: pose(&tool.tcp_from_ft_sensor),
@@ -94,7 +94,9 @@ impl KnownSetup {
                 mass_std_kg,
                 com_m: spec.com_m.map(|component| component + off(com_std)),
                 com_std_m: [com_std; 3],
-                inertia_kgm2: std::array::from_fn(|term| spec.inertia_kgm2[term] + off(inertia_std[term])),
+                inertia_kgm2: std::array::from_fn(|term| {
+                    spec.inertia_kgm2[term] + off(inertia_std[term])
+                }),
                 inertia_std_kgm2: inertia_std,
             },
         }
@@ -102,7 +104,10 @@ impl KnownSetup {
 }
 
 pub(crate) fn pose(isometry: &Isometry3<f64>) -> ([f64; 3], [f64; 4]) {
-    (isometry.translation.vector.into(), isometry.rotation.coords.into())
+    (
+        isometry.translation.vector.into(),
+        isometry.rotation.coords.into(),
+    )
 }
 
 pub(super) fn build(
@@ -117,28 +122,61 @@ pub(super) fn build(
     let sensor_clock = DeviceClock::new(&scenario.sensor.clock, sensor_reads);
     let tracker_clock = DeviceClock::new(&scenario.tracker.clock, tracker_reads);
     let gauges = WrenchSensor::new(&scenario.sensor, Random::new(seed, Stream::Sensor));
-    let sensor_truth = SensorTruth { bias: gauges.bias(0.0), drift_per_s: gauges.drift_per_s() };
+    let sensor_truth = SensorTruth {
+        bias: gauges.bias(0.0),
+        drift_per_s: gauges.drift_per_s(),
+    };
 
-    let tracker = PoseTracker::new(&scenario.tracker, &tool.aria_device_from_tcp, Random::new(seed, Stream::Tracker));
+    let tracker = PoseTracker::new(
+        &scenario.tracker,
+        &tool.aria_device_from_tcp,
+        Random::new(seed, Stream::Tracker),
+    );
     let stream = PoseStream::new(tracker, tracker_clock, scenario.tracker.rate_hz);
     let gripper = Dynamixel::new(&scenario.gripper, Random::new(seed, Stream::Gripper));
-    let aria = serial("aria", "pose_stream", pose_stream::BAUD_BPS, [number("rate_hz", scenario.tracker.rate_hz)]);
+    let aria = serial(
+        "aria",
+        "pose_stream",
+        pose_stream::BAUD_BPS,
+        [number("rate_hz", scenario.tracker.rate_hz)],
+    );
     let jaws = serial(
         "gripper",
         "dynamixel",
         scenario.gripper.baud_bps,
-        [number("id", f64::from(scenario.gripper.id)), number("rate_hz", scenario.gripper.rate_hz)],
+        [
+            number("id", f64::from(scenario.gripper.id)),
+            number("rate_hz", scenario.gripper.rate_hz),
+        ],
     );
     let slots = vec![
-        sensor_slot(scenario, gauges, sensor_clock, Random::new(seed, Stream::SensorLine), time),
+        sensor_slot(
+            scenario,
+            gauges,
+            sensor_clock,
+            Random::new(seed, Stream::SensorLine),
+            time,
+        ),
         serial_slot(jaws, gripper, Random::new(seed, Stream::GripperLine), time),
         serial_slot(aria, stream, Random::new(seed, Stream::TrackerLine), time),
     ];
-    let clock_truth = |device: &str, reads_s: f64, skew_ppm: f64| ClockTruth { device: device.to_owned(), reads_s, skew_ppm };
+    let clock_truth = |device: &str, reads_s: f64, skew_ppm: f64| ClockTruth {
+        device: device.to_owned(),
+        reads_s,
+        skew_ppm,
+    };
     let (sensor, track) = (&scenario.sensor.clock, &scenario.tracker.clock);
     let clocks = vec![
-        clock_truth("ft_sensor", sensor.reads_s.unwrap_or(sensor_reads), sensor.skew_ppm),
-        clock_truth("aria", track.reads_s.unwrap_or(tracker_reads), track.skew_ppm),
+        clock_truth(
+            "ft_sensor",
+            sensor.reads_s.unwrap_or(sensor_reads),
+            sensor.skew_ppm,
+        ),
+        clock_truth(
+            "aria",
+            track.reads_s.unwrap_or(tracker_reads),
+            track.skew_ppm,
+        ),
     ];
     (slots, (sensor_truth, clocks))
 }
@@ -155,34 +193,63 @@ fn sensor_slot(
     let model = Model::named(&spec.model);
     let rft = |gauges, interface, model: Model| {
         let rft = Rft::new(model, gauges, clock, interface);
-        if spec.already_streaming { rft.left_streaming(spec.rate_hz) } else { rft }
+        if spec.already_streaming {
+            rft.left_streaming(spec.rate_hz)
+        } else {
+            rft
+        }
     };
     let scale = |model: Model| {
         [
             rate.clone(),
             number("force_counts_per_newton", model.counts_per_newton),
-            number("torque_counts_per_newton_metre", model.counts_per_newton_metre),
+            number(
+                "torque_counts_per_newton_metre",
+                model.counts_per_newton_metre,
+            ),
         ]
     };
     match (spec.driver, model) {
         (SensorDriver::RobotousCan, Some(model)) => {
             let settings = scale(model).into_iter().collect();
-            let bus = Bus::Can { bitrate_bps: can::BITRATE_BPS };
-            let fitted = Fitted { name: "ft_sensor".to_owned(), driver: "robotous_can", bus, settings };
+            let bus = Bus::Can {
+                bitrate_bps: can::BITRATE_BPS,
+            };
+            let fitted = Fitted {
+                name: "ft_sensor".to_owned(),
+                driver: "robotous_can",
+                bus,
+                settings,
+            };
             let device = RobotousCan::new(rft(gauges, Interface::Can, model));
             let wired = wire::<CanFrame>(&fitted.name, can::BITRATE_BPS, device, random, time);
-            Slot { fitted, kind: SlotKind::Can(wired) }
+            Slot {
+                fitted,
+                kind: SlotKind::Can(wired),
+            }
         }
         (SensorDriver::RobotousUart, Some(model)) => {
             let baud = robotous::baud_for(model.rate_code(spec.rate_hz).unwrap_or(0));
-            let interface = Interface::Uart { baud_code: robotous::baud_code(baud).unwrap_or(0) };
+            let interface = Interface::Uart {
+                baud_code: robotous::baud_code(baud).unwrap_or(0),
+            };
             let fitted = serial("ft_sensor", "robotous_uart", baud, scale(model));
-            serial_slot(fitted, RobotousUart::new(rft(gauges, interface, model)), random, time)
+            serial_slot(
+                fitted,
+                RobotousUart::new(rft(gauges, interface, model)),
+                random,
+                time,
+            )
         }
         // A scenario whose Robotous model is unknown does not pass the check.
         (SensorDriver::BotaSerial, _) | (_, None) => {
             let fitted = serial("ft_sensor", "bota_serial", bota_serial::BAUD_BPS, [rate]);
-            serial_slot(fitted, BotaSerial::new(gauges, clock, spec.rate_hz), random, time)
+            serial_slot(
+                fitted,
+                BotaSerial::new(gauges, clock, spec.rate_hz),
+                random,
+                time,
+            )
         }
     }
 }
@@ -191,17 +258,35 @@ fn number(key: &str, value: f64) -> (String, SettingValue) {
     (key.to_owned(), SettingValue::Number(value))
 }
 
-fn serial<const N: usize>(name: &str, driver: &'static str, baud_bps: u32, settings: [(String, SettingValue); N]) -> Fitted {
-    Fitted { name: name.to_owned(), driver, bus: Bus::Serial { baud_bps }, settings: settings.into_iter().collect() }
+fn serial<const N: usize>(
+    name: &str,
+    driver: &'static str,
+    baud_bps: u32,
+    settings: [(String, SettingValue); N],
+) -> Fitted {
+    Fitted {
+        name: name.to_owned(),
+        driver,
+        bus: Bus::Serial { baud_bps },
+        settings: settings.into_iter().collect(),
+    }
 }
 
-fn serial_slot(fitted: Fitted, device: impl Played<Chunk> + 'static, random: Random, time: &TimeSource) -> Slot {
+fn serial_slot(
+    fitted: Fitted,
+    device: impl Played<Chunk> + 'static,
+    random: Random,
+    time: &TimeSource,
+) -> Slot {
     let bits_per_second = match fitted.bus {
         Bus::Serial { baud_bps } => baud_bps,
         Bus::Can { bitrate_bps } => bitrate_bps,
     };
     let wired = wire::<Chunk>(&fitted.name, bits_per_second, device, random, time);
-    Slot { fitted, kind: SlotKind::Serial(wired) }
+    Slot {
+        fitted,
+        kind: SlotKind::Serial(wired),
+    }
 }
 
 fn wire<F: Carried>(
@@ -213,7 +298,11 @@ fn wire<F: Carried>(
 ) -> Wired<F> {
     Wired {
         device: Box::new(device),
-        port: Arc::new(Port::new(&format!("simulated {name}"), bits_per_second, time.clone())),
+        port: Arc::new(Port::new(
+            &format!("simulated {name}"),
+            bits_per_second,
+            time.clone(),
+        )),
         line: Line::new(bits_per_second, random),
     }
 }

@@ -45,7 +45,11 @@ impl Slot {
                 for (ready, chunk) in wired.play(at, start, scene) {
                     wired.carry_cut(ready, chunk, start);
                 }
-                if let Some(rate) = wired.device.line_rate().filter(|rate| *rate != wired.port.line_rate()) {
+                if let Some(rate) = wired
+                    .device
+                    .line_rate()
+                    .filter(|rate| *rate != wired.port.line_rate())
+                {
                     wired.line.set_rate(rate);
                     wired.port.set_line_rate(rate);
                 }
@@ -61,7 +65,10 @@ impl Slot {
 
 impl<F: Carried> Wired<F> {
     fn due(&self, start: HostTime) -> Option<SimNanos> {
-        let heard = self.port.next_to_device().map(|at| at.as_nanos() - start.as_nanos());
+        let heard = self
+            .port
+            .next_to_device()
+            .map(|at| at.as_nanos() - start.as_nanos());
         match (self.device.next_event(), heard) {
             (Some(event), Some(heard)) => Some(event.min(heard)),
             (event, heard) => event.or(heard),
@@ -70,10 +77,15 @@ impl<F: Carried> Wired<F> {
 
     fn play(&mut self, at: SimNanos, start: HostTime, scene: &Scene) -> Outbox<F> {
         let mut out = Outbox::new();
-        let heard = self.port.next_to_device().map(|heard| heard.as_nanos() - start.as_nanos());
+        let heard = self
+            .port
+            .next_to_device()
+            .map(|heard| heard.as_nanos() - start.as_nanos());
         let event = self.device.next_event().filter(|event| *event <= at);
         match (event, heard.filter(|heard| *heard <= at)) {
-            (Some(event), heard) if heard.is_none_or(|heard| event <= heard) => self.device.run(at, scene, &mut out),
+            (Some(event), heard) if heard.is_none_or(|heard| event <= heard) => {
+                self.device.run(at, scene, &mut out)
+            }
             (_, Some(_)) => {
                 if let Some((_, frame)) = self.port.take_to_device() {
                     self.device.receive(at, &frame, scene, &mut out);
@@ -86,7 +98,8 @@ impl<F: Carried> Wired<F> {
 
     fn carry(&mut self, ready: SimNanos, frame: F, start: HostTime) {
         let arrival = self.line.carry(ready, frame.bits());
-        self.port.deliver(HostTime::from_nanos(start.as_nanos() + arrival), frame);
+        self.port
+            .deliver(HostTime::from_nanos(start.as_nanos() + arrival), frame);
     }
 }
 

@@ -14,7 +14,11 @@ pub(crate) struct Closer {
 
 impl Closer {
     fn damping(&self, at: JointState) -> f64 {
-        let direction = if at.dq > 0.0 { SwingDirection::Opening } else { SwingDirection::Closing };
+        let direction = if at.dq > 0.0 {
+            SwingDirection::Opening
+        } else {
+            SwingDirection::Closing
+        };
         self.zones
             .iter()
             .filter(|zone| zone.direction == direction)
@@ -47,7 +51,12 @@ mod tests {
     use super::*;
 
     fn closer() -> Closer {
-        let zone = |from, to, direction, damping| ZoneSpec { from, to, direction, damping };
+        let zone = |from, to, direction, damping| ZoneSpec {
+            from,
+            to,
+            direction,
+            damping,
+        };
         Closer {
             preload: 10.0,
             rate: 4.0,

@@ -31,9 +31,16 @@ pub(crate) fn distance_to_axis(on_axis: [f64; 3], axis: [f64; 3], point: [f64; 3
 impl Joint {
     /// The motion of a frame that is fixed to the object and is at (`position`, `rotation`) when q = 0.
     #[must_use]
-    pub(crate) fn carry(&self, position: Vector3<f64>, rotation: UnitQuaternion<f64>, q: Jet) -> RigidMotion {
+    pub(crate) fn carry(
+        &self,
+        position: Vector3<f64>,
+        rotation: UnitQuaternion<f64>,
+        q: Jet,
+    ) -> RigidMotion {
         match self.kind {
-            JointKind::Prismatic => RigidMotion::still(position, rotation).shifted(self.axis.into_inner(), q),
+            JointKind::Prismatic => {
+                RigidMotion::still(position, rotation).shifted(self.axis.into_inner(), q)
+            }
             JointKind::Revolute => {
                 let turn = UnitQuaternion::from_axis_angle(&self.axis, q.value);
                 let lever = turn * (position - self.point);
@@ -41,7 +48,8 @@ impl Joint {
                 motion.rate = self.axis.into_inner() * q.rate;
                 motion.rate_change = self.axis.into_inner() * q.rate_change;
                 motion.velocity = motion.rate.cross(&lever);
-                motion.acceleration = motion.rate_change.cross(&lever) + motion.rate.cross(&motion.velocity);
+                motion.acceleration =
+                    motion.rate_change.cross(&lever) + motion.rate.cross(&motion.velocity);
                 motion
             }
         }
@@ -58,7 +66,12 @@ impl Joint {
 
     /// Effort of a force at `position` and a moment (world axes), by virtual work.
     #[must_use]
-    pub fn effort_of(&self, position: Vector3<f64>, force: Vector3<f64>, moment: Vector3<f64>) -> f64 {
+    pub fn effort_of(
+        &self,
+        position: Vector3<f64>,
+        force: Vector3<f64>,
+        moment: Vector3<f64>,
+    ) -> f64 {
         let turning = match self.kind {
             JointKind::Prismatic => 0.0,
             JointKind::Revolute => self.axis.dot(&moment),

@@ -8,17 +8,47 @@ use crate::scenario::MechanismSpec;
 /// The mechanism that `spec` describes.
 pub(crate) fn build(spec: &MechanismSpec) -> Box<dyn Passive> {
     match spec {
-        MechanismSpec::Closer { preload, rate, blend, relief, zones } => {
-            Box::new(Closer { preload: *preload, rate: *rate, blend: *blend, relief: *relief, zones: zones.clone() })
-        }
-        MechanismSpec::SpringHinge { preload, rate } => Box::new(SpringHinge { preload: *preload, rate: *rate }),
-        MechanismSpec::Catch { pull, reach } => Box::new(Catch { pull: *pull, reach: *reach }),
-        MechanismSpec::GasSpring { force_n, rate_n_per_m, damping, strut } => {
-            Box::new(GasSpring::new(*force_n, *rate_n_per_m, *damping, strut.clone()))
-        }
-        MechanismSpec::Counterbalance { stiffness_n_per_m, free_length_m, strut } => {
-            Box::new(Counterbalance { stiffness: *stiffness_n_per_m, free_length: *free_length_m, strut: strut.clone() })
-        }
+        MechanismSpec::Closer {
+            preload,
+            rate,
+            blend,
+            relief,
+            zones,
+        } => Box::new(Closer {
+            preload: *preload,
+            rate: *rate,
+            blend: *blend,
+            relief: *relief,
+            zones: zones.clone(),
+        }),
+        MechanismSpec::SpringHinge { preload, rate } => Box::new(SpringHinge {
+            preload: *preload,
+            rate: *rate,
+        }),
+        MechanismSpec::Catch { pull, reach } => Box::new(Catch {
+            pull: *pull,
+            reach: *reach,
+        }),
+        MechanismSpec::GasSpring {
+            force_n,
+            rate_n_per_m,
+            damping,
+            strut,
+        } => Box::new(GasSpring::new(
+            *force_n,
+            *rate_n_per_m,
+            *damping,
+            strut.clone(),
+        )),
+        MechanismSpec::Counterbalance {
+            stiffness_n_per_m,
+            free_length_m,
+            strut,
+        } => Box::new(Counterbalance {
+            stiffness: *stiffness_n_per_m,
+            free_length: *free_length_m,
+            strut: strut.clone(),
+        }),
     }
 }
 

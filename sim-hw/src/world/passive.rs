@@ -30,7 +30,12 @@ impl DryFriction {
     /// The same in both directions.
     #[must_use]
     pub fn symmetric(kinetic: f64, breakaway: f64) -> Self {
-        Self { forward: kinetic, backward: kinetic, breakaway_forward: breakaway, breakaway_backward: breakaway }
+        Self {
+            forward: kinetic,
+            backward: kinetic,
+            breakaway_forward: breakaway,
+            breakaway_backward: breakaway,
+        }
     }
 
     pub(crate) fn plus(self, other: Self) -> Self {
@@ -43,7 +48,11 @@ impl DryFriction {
     }
 
     pub(crate) fn kinetic(self, direction: f64) -> f64 {
-        if direction > 0.0 { self.forward } else { self.backward }
+        if direction > 0.0 {
+            self.forward
+        } else {
+            self.backward
+        }
     }
 }
 

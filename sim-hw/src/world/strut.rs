@@ -29,7 +29,13 @@ pub(crate) struct GasSpring {
 impl GasSpring {
     pub(crate) fn new(force: f64, rate: f64, damping: f64, strut: StrutSpec) -> Self {
         let length_at_zero = strut.length(0.0);
-        Self { force, rate, damping, strut, length_at_zero }
+        Self {
+            force,
+            rate,
+            damping,
+            strut,
+            length_at_zero,
+        }
     }
 }
 
@@ -59,7 +65,11 @@ impl Passive for Counterbalance {
 mod tests {
     use super::*;
 
-    const STRUT: StrutSpec = StrutSpec { frame_radius_m: 0.3, part_radius_m: 0.11, angle_rad: 0.2 };
+    const STRUT: StrutSpec = StrutSpec {
+        frame_radius_m: 0.3,
+        part_radius_m: 0.11,
+        angle_rad: 0.2,
+    };
 
     #[test]
     fn the_lever_is_the_slope_of_the_length() {
@@ -71,15 +81,31 @@ mod tests {
 
     #[test]
     fn a_counterbalance_pulls_shut_and_a_gas_spring_pushes_open() {
-        let at = JointState { t: 0.0, q: 0.8, dq: 0.0 };
-        assert!(Counterbalance { stiffness: 900.0, free_length: 0.1, strut: STRUT }.effort(at) < -1.0);
+        let at = JointState {
+            t: 0.0,
+            q: 0.8,
+            dq: 0.0,
+        };
+        assert!(
+            Counterbalance {
+                stiffness: 900.0,
+                free_length: 0.1,
+                strut: STRUT
+            }
+            .effort(at)
+                < -1.0
+        );
         assert!(GasSpring::new(200.0, 100.0, 50.0, STRUT).effort(at) > 1.0);
     }
 
     #[test]
     fn a_gas_spring_takes_energy_out_in_both_directions() {
         let spring = GasSpring::new(200.0, 100.0, 50.0, STRUT);
-        let still = spring.effort(JointState { t: 0.0, q: 0.8, dq: 0.0 });
+        let still = spring.effort(JointState {
+            t: 0.0,
+            q: 0.8,
+            dq: 0.0,
+        });
         for dq in [-0.7, 0.7] {
             assert!((spring.effort(JointState { t: 0.0, q: 0.8, dq }) - still) * dq < 0.0);
         }
