@@ -68,8 +68,9 @@ where
     /// Sends what the device wants, takes at most one frame until `deadline` or the device's timeout, whichever is
     /// first, and hands the frame and then the readings to `outlet`.
     ///
-    /// The device's timeout is looked at before and after, whether a frame came or not. A malformed frame is counted
-    /// by the device and no error here. Allocates nothing per frame of its own.
+    /// The device's timeout is looked at after every turn, whether a frame came or not, and is served once the link
+    /// is known to have been read up to it: a thread that was held up reads what waits before it calls a device lost.
+    /// A malformed frame is counted by the device and no error here. Allocates nothing per frame of its own.
     ///
     /// # Errors
     /// The link is unusable until it is opened again.
@@ -79,29 +80,28 @@ where
         deadline: HostTime,
         outlet: &mut impl Outlet<D::Frame>,
     ) -> Result<Turn, LinkError> {
-        self.serve(clock, outlet)?;
+        self.transmit(clock.now())?;
         let until = self.device.poll_timeout().map_or(deadline, |timeout| timeout.min(deadline));
-        let turn = match self.link.recv(until)? {
-            None => Turn::Idle,
+        let (turn, read_up_to) = match self.link.recv(until)? {
+            None => (Turn::Idle, until),
             Some((frame, stamps)) => {
                 outlet.frame(&frame, stamps);
                 // Counted by the device.
                 let _ = self.device.handle_frame(&frame, stamps);
                 self.drain(outlet);
-                Turn::Frame
+                (Turn::Frame, stamps.arrival)
             }
         };
-        self.serve(clock, outlet)?;
-        Ok(turn)
-    }
-
-    /// Timers, then what is to be sent.
-    fn serve<C: Clock>(&mut self, clock: &C, outlet: &mut impl Outlet<D::Frame>) -> Result<(), LinkError> {
-        let now = clock.now();
-        if self.device.poll_timeout().is_some_and(|timeout| timeout <= now) {
+        let now = clock.now().max(read_up_to);
+        if self.device.poll_timeout().is_some_and(|timeout| timeout <= read_up_to) {
             self.device.handle_timeout(now);
             self.drain(outlet);
         }
+        self.transmit(now)?;
+        Ok(turn)
+    }
+
+    fn transmit(&mut self, now: HostTime) -> Result<(), LinkError> {
         while let Some(frame) = self.device.poll_transmit(now) {
             self.link.send(&frame)?;
         }
