@@ -13,7 +13,11 @@ mod recordings;
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let path = arguments.next().unwrap_or("sample.mcap".to_owned());
-    let compression = if arguments.next().is_some() { Compression::None } else { Compression::Zstd };
+    let compression = if arguments.next().is_some() {
+        Compression::None
+    } else {
+        Compression::Zstd
+    };
     recordings::write_recording(Path::new(&path), compression, 2000);
     println!("{}", check(Path::new(&path)).unwrap());
 }

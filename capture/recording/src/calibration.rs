@@ -86,7 +86,9 @@ impl Calibration {
             return impossible("payload_inertia_kgm2", moment, "at least 0 on the diagonal");
         }
         let bias = self.wrench_bias;
-        bias.map_or(Ok(()), |bias| check_estimate("wrench_bias", &bias.value, &bias.std))
+        bias.map_or(Ok(()), |bias| {
+            check_estimate("wrench_bias", &bias.value, &bias.std)
+        })
     }
 }
 
@@ -110,17 +112,35 @@ mod tests {
 
     fn paper() -> Calibration {
         Calibration {
-            payload_mass_kg: Estimate { value: 0.49, std: 0.005 },
-            payload_com_m: Estimate { value: [0.021, 0.020, 0.059], std: [0.001; 3] },
-            payload_inertia_kgm2: Estimate { value: [1e-3, 0.0, 1e-3, 0.0, 0.0, 5e-4], std: [1e-4; 6] },
+            payload_mass_kg: Estimate {
+                value: 0.49,
+                std: 0.005,
+            },
+            payload_com_m: Estimate {
+                value: [0.021, 0.020, 0.059],
+                std: [0.001; 3],
+            },
+            payload_inertia_kgm2: Estimate {
+                value: [1e-3, 0.0, 1e-3, 0.0, 0.0, 5e-4],
+                std: [1e-4; 6],
+            },
             wrench_bias: None,
         }
     }
 
     #[test]
     fn a_calibration_comes_back_as_it_was() {
-        for bias in [None, Some(Estimate { value: [0.5; 6], std: [0.01; 6] })] {
-            let calibration = Calibration { wrench_bias: bias, ..paper() };
+        for bias in [
+            None,
+            Some(Estimate {
+                value: [0.5; 6],
+                std: [0.01; 6],
+            }),
+        ] {
+            let calibration = Calibration {
+                wrench_bias: bias,
+                ..paper()
+            };
             let metadata = calibration.to_metadata().unwrap();
             assert_eq!(Calibration::from_metadata(&metadata).unwrap(), calibration);
         }
@@ -135,19 +155,36 @@ mod tests {
 
     #[test]
     fn an_unknown_key_is_refused_with_the_known_ones() {
-        let text = paper().to_json().unwrap().replacen('{', "{\"mass\": 1, ", 1);
+        let text = paper()
+            .to_json()
+            .unwrap()
+            .replacen('{', "{\"mass\": 1, ", 1);
         let message = Calibration::from_json(&text).unwrap_err().to_string();
         assert!(message.contains("unknown field `mass`"), "{message}");
-        assert!(message.contains("`payload_mass_kg`, `payload_com_m`, `payload_inertia_kgm2`, `wrench_bias`"));
+        assert!(
+            message.contains(
+                "`payload_mass_kg`, `payload_com_m`, `payload_inertia_kgm2`, `wrench_bias`"
+            )
+        );
     }
 
     #[test]
     fn a_missing_key_and_a_wrong_shape_are_refused() {
         let text = paper().to_json().unwrap();
-        let message = Calibration::from_json(&text.replace("payload_com_m", "wrench_bias")).unwrap_err();
-        assert!(message.to_string().contains("invalid length 3"), "{message}");
-        assert!(matches!(Calibration::from_json("{}"), Err(CalibrationError::Json(_))));
-        assert!(matches!(Calibration::from_metadata(&BTreeMap::new()), Err(CalibrationError::NoJson)));
+        let message =
+            Calibration::from_json(&text.replace("payload_com_m", "wrench_bias")).unwrap_err();
+        assert!(
+            message.to_string().contains("invalid length 3"),
+            "{message}"
+        );
+        assert!(matches!(
+            Calibration::from_json("{}"),
+            Err(CalibrationError::Json(_))
+        ));
+        assert!(matches!(
+            Calibration::from_metadata(&BTreeMap::new()),
+            Err(CalibrationError::NoJson)
+        ));
     }
 
     #[test]
@@ -164,15 +201,23 @@ mod tests {
     fn negative_moments_and_spreads_and_infinities_are_refused() {
         let mut calibration = paper();
         calibration.payload_inertia_kgm2.value[5] = -1e-6;
-        assert!(matches!(calibration.to_json(), Err(CalibrationError::Impossible { .. })));
+        assert!(matches!(
+            calibration.to_json(),
+            Err(CalibrationError::Impossible { .. })
+        ));
         let mut calibration = paper();
         calibration.payload_com_m.std[1] = -1.0;
-        assert!(matches!(calibration.to_json(), Err(CalibrationError::Impossible { .. })));
+        assert!(matches!(
+            calibration.to_json(),
+            Err(CalibrationError::Impossible { .. })
+        ));
         let mut calibration = paper();
         calibration.payload_com_m.value[1] = f64::NAN;
         assert!(matches!(
             calibration.to_json(),
-            Err(CalibrationError::NotFinite { name: "payload_com_m" })
+            Err(CalibrationError::NotFinite {
+                name: "payload_com_m"
+            })
         ));
     }
 }

@@ -69,7 +69,8 @@ impl<'a> Encoder<'a> {
 
     fn align(&mut self, alignment: usize) {
         let body = self.out.len() - HEADER_LENGTH;
-        self.out.resize(HEADER_LENGTH + body.next_multiple_of(alignment), 0);
+        self.out
+            .resize(HEADER_LENGTH + body.next_multiple_of(alignment), 0);
     }
 
     pub(crate) fn u8(&mut self, value: u8) {
@@ -133,9 +134,17 @@ impl<'a> Decoder<'a> {
         let endian = match [high, low] {
             [0, 1] => Endian::Little,
             [0, 0] => Endian::Big,
-            other => return Err(CdrError::Representation { got: u16::from_be_bytes(other) }),
+            other => {
+                return Err(CdrError::Representation {
+                    got: u16::from_be_bytes(other),
+                });
+            }
         };
-        Ok(Self { bytes, at: HEADER_LENGTH, endian })
+        Ok(Self {
+            bytes,
+            at: HEADER_LENGTH,
+            endian,
+        })
     }
 
     /// Bytes not yet read.
@@ -145,13 +154,19 @@ impl<'a> Decoder<'a> {
 
     pub(crate) fn finish(self) -> Result<(), CdrError> {
         match self.remaining() {
-            extra if extra > MAX_PADDING => Err(CdrError::Trailing { offset: self.at, extra }),
+            extra if extra > MAX_PADDING => Err(CdrError::Trailing {
+                offset: self.at,
+                extra,
+            }),
             _ => Ok(()),
         }
     }
 
     fn take(&mut self, field: &'static str, needed: usize) -> Result<&'a [u8], CdrError> {
-        let taken = self.at.checked_add(needed).and_then(|end| self.bytes.get(self.at..end));
+        let taken = self
+            .at
+            .checked_add(needed)
+            .and_then(|end| self.bytes.get(self.at..end));
         let taken = taken.ok_or(CdrError::Truncated {
             field,
             offset: self.at,
@@ -208,7 +223,9 @@ impl<'a> Decoder<'a> {
             Some((0, text)) if !text.contains(&0) => text,
             Some(_) => return Err(CdrError::Text { offset }),
         };
-        std::str::from_utf8(text).map(str::to_owned).map_err(|_| CdrError::Text { offset })
+        std::str::from_utf8(text)
+            .map(str::to_owned)
+            .map_err(|_| CdrError::Text { offset })
     }
 
     /// A sequence whose elements take at least one byte each.
@@ -243,7 +260,14 @@ mod tests {
         let mut encoder = Encoder::new(&mut out);
         encoder.u8(7);
         encoder.f64(1.0);
-        assert_eq!(out, [&[0, 1, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0][..], &1.0_f64.to_le_bytes()].concat());
+        assert_eq!(
+            out,
+            [
+                &[0, 1, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0][..],
+                &1.0_f64.to_le_bytes()
+            ]
+            .concat()
+        );
     }
 
     #[test]
@@ -255,7 +279,10 @@ mod tests {
 
     #[test]
     fn other_representations_are_named() {
-        assert_eq!(Decoder::new(&[0, 3, 0, 0]).unwrap_err(), CdrError::Representation { got: 3 });
+        assert_eq!(
+            Decoder::new(&[0, 3, 0, 0]).unwrap_err(),
+            CdrError::Representation { got: 3 }
+        );
         assert_eq!(
             Decoder::new(&[0, 3, 0, 0]).unwrap_err().to_string(),
             "representation 0x0003 is not plain CDR (0x0000 or 0x0001)"
@@ -267,7 +294,11 @@ mod tests {
         let mut decoder = Decoder::new(&[0, 1, 0, 0, 255, 255, 255, 255, 0]).unwrap();
         assert!(matches!(
             decoder.sequence(Decoder::u8),
-            Err(CdrError::Truncated { field: "sequence", needed: 0xffff_ffff, .. })
+            Err(CdrError::Truncated {
+                field: "sequence",
+                needed: 0xffff_ffff,
+                ..
+            })
         ));
     }
 
@@ -275,7 +306,10 @@ mod tests {
     fn text_with_a_nul_inside_or_none_at_the_end_is_refused() {
         for body in [*b"a\0\0", *b"abc", [0xff, 0xff, 0]] {
             let bytes = [&[0, 1, 0, 0, 3, 0, 0, 0][..], &body].concat();
-            assert_eq!(Decoder::new(&bytes).unwrap().text(), Err(CdrError::Text { offset: 8 }));
+            assert_eq!(
+                Decoder::new(&bytes).unwrap().text(),
+                Err(CdrError::Text { offset: 8 })
+            );
         }
     }
 
@@ -292,8 +326,13 @@ mod tests {
         decoder.u8().unwrap();
         decoder.finish().unwrap();
         assert_eq!(
-            Decoder::new(&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]).unwrap().finish(),
-            Err(CdrError::Trailing { offset: 4, extra: 8 })
+            Decoder::new(&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+                .unwrap()
+                .finish(),
+            Err(CdrError::Trailing {
+                offset: 4,
+                extra: 8
+            })
         );
     }
 }

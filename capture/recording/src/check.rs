@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
 use crate::message::{JointState, Message, PoseStamped, Temperature, WrenchStamped};
-use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema};
+use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
 use crate::{metadata, topic};
 
 mod stream;
@@ -21,8 +21,13 @@ use stream::Stream;
 pub use stream::TopicReport;
 
 /// Topics that are sampled at a rate, so that a hole in them is a loss.
-const SAMPLED: [&str; 5] =
-    [topic::WRENCH, topic::TCP_POSE, topic::ARIA_POSE, topic::GRIPPER, topic::TEMPERATURE];
+const SAMPLED: [&str; 5] = [
+    topic::WRENCH,
+    topic::TCP_POSE,
+    topic::ARIA_POSE,
+    topic::GRIPPER,
+    topic::TEMPERATURE,
+];
 
 /// A recording's state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -102,13 +107,13 @@ pub fn check(path: &Path) -> Result<Report, ReadError> {
     while let Some(record) = reader.next_record()? {
         survey.take(record);
     }
-    let left_out = survey.left_out.iter().map(|(channel_id, messages)| {
-        format!("{messages} messages of channel {channel_id}, which is not described, are left out")
-    });
-    let damage: Vec<_> = reader.damage().iter().map(ToString::to_string).chain(left_out).collect();
+    let damage = survey.unknown.behind(reader.damage()).collect();
     let span = span(&survey.streams);
-    let topics: BTreeMap<_, _> =
-        survey.streams.into_iter().map(|(topic, stream)| (topic, stream.report(span))).collect();
+    let topics: BTreeMap<_, _> = survey
+        .streams
+        .into_iter()
+        .map(|(topic, stream)| (topic, stream.report(span)))
+        .collect();
     let mut report = Report {
         path: path.to_owned(),
         bytes: reader.length(),
@@ -147,7 +152,7 @@ struct Survey {
     schemas: BTreeMap<u16, Schema>,
     topics: BTreeMap<u16, String>,
     streams: BTreeMap<String, Stream>,
-    left_out: BTreeMap<u16, u64>,
+    unknown: UnknownChannels,
     ledger: BTreeMap<String, String>,
     calibration: Presence,
     session: Presence,
@@ -161,7 +166,7 @@ impl Default for Survey {
             schemas: BTreeMap::new(),
             topics: BTreeMap::new(),
             streams: BTreeMap::new(),
-            left_out: BTreeMap::new(),
+            unknown: UnknownChannels::default(),
             ledger: BTreeMap::new(),
             calibration: Presence::Absent,
             session: Presence::Absent,
@@ -172,11 +177,15 @@ impl Default for Survey {
 impl Survey {
     fn take(&mut self, record: Record<'_>) {
         match record {
-            Record::Header { profile, library } => (self.profile, self.library) = (profile, library),
+            Record::Header { profile, library } => {
+                (self.profile, self.library) = (profile, library)
+            }
             Record::Schema(schema) => {
                 self.schemas.entry(schema.id).or_insert(schema);
             }
-            Record::Channel(channel) if !self.topics.contains_key(&channel.id) => self.add_channel(channel),
+            Record::Channel(channel) if !self.topics.contains_key(&channel.id) => {
+                self.add_channel(channel)
+            }
             Record::Message(message) => self.add_message(message),
             Record::Metadata { name, entries } => match name.as_str() {
                 metadata::LEDGER => self.ledger = entries,
@@ -184,7 +193,9 @@ impl Survey {
                 metadata::CALIBRATION => {
                     self.calibration = match Calibration::from_metadata(&entries) {
                         Ok(_) => Presence::Present,
-                        Err(error) => Presence::Wrong { reason: error.to_string() },
+                        Err(error) => Presence::Wrong {
+                            reason: error.to_string(),
+                        },
                     };
                 }
                 _ => {}
@@ -194,10 +205,15 @@ impl Survey {
     }
 
     fn add_channel(&mut self, channel: Channel) {
-        let kind = self.schemas.get(&channel.schema_id).map_or("", |schema| schema.name.as_str());
+        let kind = self
+            .schemas
+            .get(&channel.schema_id)
+            .map_or("", |schema| schema.name.as_str());
         let ours = self.library.starts_with("ft-capture ");
         let stream = self.streams.entry(channel.topic.clone());
-        stream.or_insert_with(|| Stream::new(kind, &channel.message_encoding)).add_channel(channel.id, ours);
+        stream
+            .or_insert_with(|| Stream::new(kind, &channel.message_encoding))
+            .add_channel(channel.id, ours);
         self.topics.insert(channel.id, channel.topic);
     }
 
@@ -205,7 +221,7 @@ impl Survey {
         let topic = self.topics.get(&message.channel_id);
         match topic.and_then(|topic| self.streams.get_mut(topic)) {
             Some(stream) => stream.add(message),
-            None => *self.left_out.entry(message.channel_id).or_default() += 1,
+            None => self.unknown.add(message.channel_id),
         }
     }
 }
@@ -224,13 +240,18 @@ fn header_stamp(kind: &str, data: &[u8]) -> Option<Result<HostTime, crate::CdrEr
 
 fn judge(report: &mut Report) {
     let has = |name: &str, kind| {
-        report.topics.get(name).is_some_and(|topic| topic.kind == kind && topic.messages > topic.undecodable)
+        report
+            .topics
+            .get(name)
+            .is_some_and(|topic| topic.kind == kind && topic.messages > topic.undecodable)
     };
     let mut missing = Vec::new();
     if !has(topic::WRENCH, WrenchStamped::TYPE_NAME) {
         missing.push("no /ft/wrench".to_owned());
     }
-    if !has(topic::TCP_POSE, PoseStamped::TYPE_NAME) && !has(topic::ARIA_POSE, PoseStamped::TYPE_NAME) {
+    if !has(topic::TCP_POSE, PoseStamped::TYPE_NAME)
+        && !has(topic::ARIA_POSE, PoseStamped::TYPE_NAME)
+    {
         missing.push("neither /tcp/pose nor /aria/pose".to_owned());
     }
     let mut losses = report.damage.clone();
@@ -262,9 +283,15 @@ fn judge(report: &mut Report) {
 fn ledger_losses(ledger: &BTreeMap<String, String>) -> Vec<String> {
     let mut losses = Vec::new();
     for (stream, text) in ledger {
-        let Ok(counts) = serde_json::from_str::<BTreeMap<String, serde_json::Value>>(text) else { continue };
+        let Ok(counts) = serde_json::from_str::<BTreeMap<String, serde_json::Value>>(text) else {
+            continue;
+        };
         for name in ["gaps", "drops", "refused", "invalid", "interruptions"] {
-            if let Some(count) = counts.get(name).and_then(serde_json::Value::as_u64).filter(|count| *count > 0) {
+            if let Some(count) = counts
+                .get(name)
+                .and_then(serde_json::Value::as_u64)
+                .filter(|count| *count > 0)
+            {
                 losses.push(format!("ledger of {stream}: {count} {name}"));
             }
         }
@@ -284,17 +311,45 @@ impl fmt::Display for Presence {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { path, bytes, profile, library, duration_s, .. } = self;
+        let Self {
+            path,
+            bytes,
+            profile,
+            library,
+            duration_s,
+            ..
+        } = self;
         let path = path.display();
-        writeln!(f, "{path}: {duration_s:.3} s, {bytes} bytes, profile \"{profile}\", by \"{library}\"")?;
-        let width = self.topics.keys().map(String::len).max().unwrap_or(0).max(5);
+        writeln!(
+            f,
+            "{path}: {duration_s:.3} s, {bytes} bytes, profile \"{profile}\", by \"{library}\""
+        )?;
+        let width = self
+            .topics
+            .keys()
+            .map(String::len)
+            .max()
+            .unwrap_or(0)
+            .max(5);
         writeln!(
             f,
             "  {:width$} {:>8} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
-            "topic", "messages", "rate Hz", "median ms", "p99 ms", "gaps", "holes", "dupl.", "late", "starts s", "ends s"
+            "topic",
+            "messages",
+            "rate Hz",
+            "median ms",
+            "p99 ms",
+            "gaps",
+            "holes",
+            "dupl.",
+            "late",
+            "starts s",
+            "ends s"
         )?;
         for (name, topic) in &self.topics {
-            let number = |value: Option<f64>, scale: f64| value.map_or("-".to_owned(), |v| format!("{:.3}", v * scale));
+            let number = |value: Option<f64>, scale: f64| {
+                value.map_or("-".to_owned(), |v| format!("{:.3}", v * scale))
+            };
             writeln!(
                 f,
                 "  {name:width$} {:>8} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
@@ -310,14 +365,22 @@ impl fmt::Display for Report {
                 number(topic.ends_before_s, 1.0),
             )?;
         }
-        writeln!(f, "  calibration {}, session {}", self.calibration, self.session)?;
+        writeln!(
+            f,
+            "  calibration {}, session {}",
+            self.calibration, self.session
+        )?;
         for (stream, counts) in &self.ledger {
             writeln!(f, "  ledger of {stream}: {counts}")?;
         }
         match self.verdict {
             Verdict::Fine => f.write_str("fine: complete, and nothing is known to be missing"),
             Verdict::Lossy => write!(f, "usable, but not whole: {}", self.reasons.join("; ")),
-            Verdict::Unusable => write!(f, "not usable for identification: {}", self.reasons.join("; ")),
+            Verdict::Unusable => write!(
+                f,
+                "not usable for identification: {}",
+                self.reasons.join("; ")
+            ),
         }
     }
 }

@@ -101,7 +101,9 @@ pub enum ReadError {
         source: io::Error,
     },
     /// The file does not begin like an MCAP.
-    #[error("{path} is not an MCAP recording: it begins with {found}, not with \"\\x89MCAP0\\r\\n\"")]
+    #[error(
+        "{path} is not an MCAP recording: it begins with {found}, not with \"\\x89MCAP0\\r\\n\""
+    )]
     NotMcap {
         /// The file.
         path: PathBuf,
@@ -152,7 +154,9 @@ pub enum ReadError {
         expected: &'static str,
     },
     /// A topic's messages are not CDR.
-    #[error("{path}: {topic} is encoded as \"{encoding}\", only \"cdr\" (ROS 2) is read: convert the recording first")]
+    #[error(
+        "{path}: {topic} is encoded as \"{encoding}\", only \"cdr\" (ROS 2) is read: convert the recording first"
+    )]
     ForeignEncoding {
         /// The file.
         path: PathBuf,
@@ -245,14 +249,26 @@ impl FirstBytes {
 
     fn guess(&self) -> Option<&'static str> {
         let known: [(&[u8], &str); 5] = [
-            (b"#ROSBAG", "a ROS 1 bag; convert it with `rosbags-convert --dst-storage mcap`"),
-            (b"SQLite format 3", "a rosbag2 SQLite file; convert it with `ros2 bag convert` to mcap"),
+            (
+                b"#ROSBAG",
+                "a ROS 1 bag; convert it with `rosbags-convert --dst-storage mcap`",
+            ),
+            (
+                b"SQLite format 3",
+                "a rosbag2 SQLite file; convert it with `ros2 bag convert` to mcap",
+            ),
             (b"\x89HDF\r\n", "an HDF5 file"),
             (b"RRF2", "a Rerun file"),
-            (b"version https://", "a Git LFS pointer; fetch the file itself with `git lfs pull`"),
+            (
+                b"version https://",
+                "a Git LFS pointer; fetch the file itself with `git lfs pull`",
+            ),
         ];
         let start = self.bytes.get(..self.length).unwrap_or_default();
-        known.iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, name)| *name)
+        known
+            .iter()
+            .find(|(magic, _)| start.starts_with(magic))
+            .map(|(_, name)| *name)
     }
 }
 
@@ -286,6 +302,8 @@ impl fmt::Display for TopicList {
             let comma = if index == 0 { "" } else { ", " };
             write!(f, "{comma}{topic} ({kind}, {messages} messages)")?;
         }
-        self.damage.as_ref().map_or(Ok(()), |damage| write!(f, " (the file is damaged: {damage})"))
+        self.damage.as_ref().map_or(Ok(()), |damage| {
+            write!(f, " (the file is damaged: {damage})")
+        })
     }
 }

@@ -4,10 +4,18 @@
 //! identification needs from any MCAP that keeps the reader's contract, whoever wrote it; [`recover::recover`] turns the
 //! leftover of a crash into a complete file; [`check::check`] says what a recording is worth.
 
-#![warn(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+#![warn(
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss
+)]
 #![cfg_attr(
     test,
-    allow(clippy::indexing_slicing, clippy::cast_possible_truncation, clippy::cast_sign_loss)
+    allow(
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss
+    )
 )]
 
 pub mod calibration;

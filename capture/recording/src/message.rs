@@ -314,7 +314,10 @@ impl Header {
     /// A header of `at` in the frame `frame_id`.
     #[must_use]
     pub fn new(at: HostTime, frame_id: &str) -> Self {
-        Self { stamp: at.into(), frame_id: frame_id.to_owned() }
+        Self {
+            stamp: at.into(),
+            frame_id: frame_id.to_owned(),
+        }
     }
 }
 
@@ -325,9 +328,18 @@ impl From<HostTime> for Time {
     fn from(at: HostTime) -> Self {
         let nanos = at.as_nanos();
         match i32::try_from(nanos.div_euclid(NANOS_PER_SECOND)) {
-            Ok(sec) => Self { sec, nanosec: u32::try_from(nanos.rem_euclid(NANOS_PER_SECOND)).unwrap_or(0) },
-            Err(_) if nanos < 0 => Self { sec: i32::MIN, nanosec: 0 },
-            Err(_) => Self { sec: i32::MAX, nanosec: 999_999_999 },
+            Ok(sec) => Self {
+                sec,
+                nanosec: u32::try_from(nanos.rem_euclid(NANOS_PER_SECOND)).unwrap_or(0),
+            },
+            Err(_) if nanos < 0 => Self {
+                sec: i32::MIN,
+                nanosec: 0,
+            },
+            Err(_) => Self {
+                sec: i32::MAX,
+                nanosec: 999_999_999,
+            },
         }
     }
 }
@@ -371,7 +383,10 @@ impl From<Quaternion> for [f64; 4] {
 impl From<[f64; 6]> for Wrench {
     /// From force then torque.
     fn from([fx, fy, fz, tx, ty, tz]: [f64; 6]) -> Self {
-        Self { force: [fx, fy, fz].into(), torque: [tx, ty, tz].into() }
+        Self {
+            force: [fx, fy, fz].into(),
+            torque: [tx, ty, tz].into(),
+        }
     }
 }
 

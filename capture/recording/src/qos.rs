@@ -31,14 +31,23 @@ pub struct Qos {
 
 impl Qos {
     /// Streams of samples: best effort, volatile, depth 10.
-    pub const SENSOR: Self =
-        Self { reliability: Reliability::BestEffort, durability: Durability::Volatile, depth: 10 };
+    pub const SENSOR: Self = Self {
+        reliability: Reliability::BestEffort,
+        durability: Durability::Volatile,
+        depth: 10,
+    };
     /// Events that must arrive: reliable, volatile, depth 10.
-    pub const RELIABLE: Self =
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10 };
+    pub const RELIABLE: Self = Self {
+        reliability: Reliability::Reliable,
+        durability: Durability::Volatile,
+        depth: 10,
+    };
     /// State that late subscribers need: reliable, transient local, depth 1.
-    pub const LATCHED: Self =
-        Self { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1 };
+    pub const LATCHED: Self = Self {
+        reliability: Reliability::Reliable,
+        durability: Durability::TransientLocal,
+        depth: 1,
+    };
 
     /// The value of the channel metadata `offered_qos_profiles`: a YAML sequence of one profile, with the policy names
     /// that rosbag2 writes since its metadata version 9 (Jazzy).

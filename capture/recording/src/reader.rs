@@ -16,21 +16,19 @@ use std::path::{Path, PathBuf};
 use crate::error::{FirstBytes, ReadError};
 
 mod chunk;
+mod chunk_records;
 mod damage;
 mod record;
 
-use chunk::{LIMIT, Unpacked, unpack};
+use chunk::LIMIT;
+pub(crate) use damage::UnknownChannels;
 pub use damage::{Damage, DamageKind};
-use record::{CHUNK, ChunkHeader, DATA_END, FOOTER, MESSAGE};
 pub use record::{Attachment, Channel, RawMessage, Record, Schema};
+use record::{CHUNK, DATA_END, FOOTER};
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Opcode and length.
 const FRAME: u64 = 9;
-/// A chunk record with more behind its content has a wrong length.
-const MAX_PADDING: u64 = 4096;
-/// How much of the file is looked at in one go for the next chunk.
-const SCAN_WINDOW: usize = 1 << 16;
 
 /// Reads records one after the other.
 #[derive(Debug)]
@@ -73,7 +71,13 @@ impl RecordReader<BufReader<File>> {
     /// # Errors
     /// When it cannot be read or is not an MCAP.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let io = |call| move |source| ReadError::Io { call, path: path.to_owned(), source };
+        let io = |call| {
+            move |source| ReadError::Io {
+                call,
+                path: path.to_owned(),
+                source,
+            }
+        };
         let file = File::open(path).map_err(io("open"))?;
         let length = file.metadata().map_err(io("get the size of"))?.len();
         Self::new(BufReader::with_capacity(1 << 16, file), length, path)
@@ -101,11 +105,18 @@ impl<R: Read + Seek> RecordReader<R> {
             state: State::Records,
             damage: Vec::new(),
         };
-        reader.read_body(16.min(length)).map_err(|error| reader.io_error(error))?;
+        reader
+            .read_body(16.min(length))
+            .map_err(|error| reader.io_error(error))?;
         if !reader.body.starts_with(&MAGIC) {
-            return Err(ReadError::NotMcap { path: path.to_owned(), found: FirstBytes::new(&reader.body) });
+            return Err(ReadError::NotMcap {
+                path: path.to_owned(),
+                found: FirstBytes::new(&reader.body),
+            });
         }
-        reader.seek_to(MAGIC.len() as u64).map_err(|error| reader.io_error(error))?;
+        reader
+            .seek_to(MAGIC.len() as u64)
+            .map_err(|error| reader.io_error(error))?;
         let mut crc = crc32fast::Hasher::new();
         crc.update(&MAGIC);
         reader.crc = Some(crc);
@@ -119,13 +130,18 @@ impl<R: Read + Seek> RecordReader<R> {
     /// When the operating system cannot read the file.
     pub fn next_record(&mut self) -> Result<Option<Record<'_>>, ReadError> {
         let found = self.advance().map_err(|error| self.io_error(error))?;
-        let Some((opcode, place)) = found else { return Ok(None) };
+        let Some((opcode, place)) = found else {
+            return Ok(None);
+        };
         let body = match place {
             Place::Body => self.body.as_slice(),
             Place::Chunk(range) => self.chunk.get(range).unwrap_or_default(),
         };
         Ok(Some(Record::parse(opcode, body).unwrap_or_else(|| {
-            self.damage.push(Damage { offset: self.offset, kind: DamageKind::Unreadable { opcode } });
+            self.damage.push(Damage {
+                offset: self.offset,
+                kind: DamageKind::Unreadable { opcode },
+            });
             Record::Unreadable { opcode }
         })))
     }
@@ -172,10 +188,18 @@ impl<R: Read + Seek> RecordReader<R> {
     }
 
     fn next_in_chunk(&mut self) -> Option<(u8, Place)> {
-        let rest = self.chunk.get(self.in_chunk.clone()).filter(|rest| !rest.is_empty())?;
-        let Some((opcode, length)) = frame(rest).filter(|(_, length)| *length <= (rest.len() - 9) as u64) else {
+        let rest = self
+            .chunk
+            .get(self.in_chunk.clone())
+            .filter(|rest| !rest.is_empty())?;
+        let Some((opcode, length)) =
+            frame(rest).filter(|(_, length)| *length <= (rest.len() - 9) as u64)
+        else {
             let opcode = rest.first().copied().unwrap_or(0);
-            self.damage.push(Damage { offset: self.offset, kind: DamageKind::Unreadable { opcode } });
+            self.damage.push(Damage {
+                offset: self.offset,
+                kind: DamageKind::Unreadable { opcode },
+            });
             self.in_chunk = 0..0;
             return None;
         };
@@ -199,7 +223,11 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read_body(FRAME.min(left))?;
         let Some((opcode, length)) = frame(&self.body) else {
             let opcode = self.body.first().copied().unwrap_or(0);
-            self.end(DamageKind::Truncated { opcode, left, messages: 0 });
+            self.end(DamageKind::Truncated {
+                opcode,
+                left,
+                messages: 0,
+            });
             return Ok(None);
         };
         let left = left - FRAME;
@@ -235,10 +263,16 @@ impl<R: Read + Seek> RecordReader<R> {
             self.complete = true;
             self.offset = self.position;
             if self.position < self.length {
-                self.note(DamageKind::Garbage { skipped: self.length - self.position });
+                self.note(DamageKind::Garbage {
+                    skipped: self.length - self.position,
+                });
             }
         } else if MAGIC.starts_with(&self.body) {
-            self.note(DamageKind::Truncated { opcode: FOOTER, left, messages: 0 });
+            self.note(DamageKind::Truncated {
+                opcode: FOOTER,
+                left,
+                messages: 0,
+            });
         } else {
             self.state = State::Records;
             self.resync()?;
@@ -246,84 +280,10 @@ impl<R: Read + Seek> RecordReader<R> {
         Ok(())
     }
 
-    /// A record that claims to go on behind the end of the file: cut there, or its length is wrong.
-    fn cut_record(&mut self, opcode: u8, left: u64) -> io::Result<()> {
-        match self.find_chunk(self.offset + 1)? {
-            Some(found) => self.skip_garbage(found),
-            None => {
-                self.end(DamageKind::Truncated { opcode, left: left + FRAME, messages: 0 });
-                Ok(())
-            }
-        }
-    }
-
-    fn read_chunk(&mut self, length: u64, left: u64) -> io::Result<()> {
-        let start = self.position;
-        let Some(header) = self.read_chunk_header(left)? else {
-            return match left < (ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME) as u64 {
-                true => self.cut_record(CHUNK, left),
-                false => self.resync(),
-            };
-        };
-        let claimed = header.length.saturating_add(header.compressed_size);
-        if claimed > left {
-            return self.read_cut_chunk(&header, left);
-        }
-        // A record length that contradicts the chunk's own header is not believed.
-        let padded = claimed..=left.min(claimed.saturating_add(MAX_PADDING));
-        let length = if padded.contains(&length) { length } else { claimed };
-        if length > LIMIT || header.uncompressed_size > LIMIT {
-            self.note(DamageKind::TooLarge { opcode: CHUNK, length: length.max(header.uncompressed_size) });
-            return self.seek_to(start + length);
-        }
-        self.read_more(length - header.length)?;
-        self.good_end = self.position;
-        self.open_chunk(&header);
-        Ok(())
-    }
-
-    /// Reads exactly the header into `body`.
-    fn read_chunk_header(&mut self, left: u64) -> io::Result<Option<ChunkHeader>> {
-        self.read_body(left.min(ChunkHeader::MIN_LENGTH as u64))?;
-        let name = ChunkHeader::name_length(&self.body).filter(|name| *name <= ChunkHeader::MAX_NAME as u64);
-        let Some(name) = name else { return Ok(None) };
-        self.read_more(name.min(left.saturating_sub(ChunkHeader::MIN_LENGTH as u64)))?;
-        Ok(ChunkHeader::parse(&self.body))
-    }
-
-    /// Unpacks the chunk in `body`; its records are there to be read only when it is right.
-    fn open_chunk(&mut self, header: &ChunkHeader) {
-        let unpacked = unpack(&header.compression, packed(&self.body, header), &mut self.chunk);
-        let got = self.chunk.len() as u64;
-        let (saved, expected) = (header.uncompressed_crc, header.uncompressed_size);
-        let calculated = if saved == 0 { 0 } else { crc32fast::hash(&self.chunk) };
-        if unpacked == Unpacked::Unsupported {
-            self.note(DamageKind::Compression { name: header.compression.clone() });
-        } else if unpacked == Unpacked::Partly || got != expected {
-            self.note(DamageKind::ChunkContent { compression: header.compression.clone(), expected, got });
-        } else if calculated != saved {
-            self.note(DamageKind::ChunkCrc { saved, calculated });
-        } else {
-            self.in_chunk = 0..self.chunk.len();
-        }
-    }
-
-    /// The chunk at the end of a file that was cut, or that was being written: gives the whole records in it.
-    fn read_cut_chunk(&mut self, header: &ChunkHeader, left: u64) -> io::Result<()> {
-        if let Some(found) = self.find_chunk(self.offset + 1)? {
-            return self.skip_garbage(found);
-        }
-        self.seek_to(self.offset + FRAME)?;
-        self.read_body(left.min(LIMIT))?;
-        unpack(&header.compression, packed(&self.body, header), &mut self.chunk);
-        let whole = whole_records(&self.chunk);
-        self.end(DamageKind::Truncated { opcode: CHUNK, left: left + FRAME, messages: whole.messages });
-        self.in_chunk = 0..whole.end;
-        Ok(())
-    }
-
     fn check_data_crc(&mut self, before: Option<crc32fast::Hasher>) {
-        let Some(&[a, b, c, d]) = self.body.first_chunk::<4>() else { return };
+        let Some(&[a, b, c, d]) = self.body.first_chunk::<4>() else {
+            return;
+        };
         let saved = u32::from_le_bytes([a, b, c, d]);
         if let Some(calculated) = before.map(crc32fast::Hasher::finalize)
             && saved != 0
@@ -333,51 +293,16 @@ impl<R: Read + Seek> RecordReader<R> {
         }
     }
 
-    /// Looks for the next chunk behind a place that is no record.
-    fn resync(&mut self) -> io::Result<()> {
-        match self.find_chunk(self.offset + 1)? {
-            Some(found) => self.skip_garbage(found),
-            None => {
-                self.end(DamageKind::Garbage { skipped: self.length - self.offset });
-                Ok(())
-            }
-        }
-    }
-
-    fn skip_garbage(&mut self, to: u64) -> io::Result<()> {
-        self.note(DamageKind::Garbage { skipped: to - self.offset });
-        self.seek_to(to)
-    }
-
-    /// Where the next chunk at or behind `from` begins, judged by its header.
-    fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
-        let overlap = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
-        let mut start = from;
-        while start < self.length {
-            self.seek_to(start)?;
-            self.read_body((SCAN_WINDOW as u64).min(self.length - start))?;
-            let found = (0..self.body.len()).find(|at| {
-                let left = self.length - start - *at as u64;
-                self.body.get(*at..).is_some_and(|bytes| looks_like_chunk(bytes, left))
-            });
-            if let Some(at) = found {
-                return Ok(Some(start + at as u64));
-            }
-            if self.body.len() < SCAN_WINDOW {
-                break;
-            }
-            start += (SCAN_WINDOW - overlap) as u64;
-        }
-        Ok(None)
-    }
-
     fn end(&mut self, kind: DamageKind) {
         self.note(kind);
         self.state = State::Ended;
     }
 
     fn note(&mut self, kind: DamageKind) {
-        self.damage.push(Damage { offset: self.offset, kind });
+        self.damage.push(Damage {
+            offset: self.offset,
+            kind,
+        });
     }
 
     /// Replaces `body` by the next `length` bytes, fewer when the file has shrunk meanwhile.
@@ -388,7 +313,9 @@ impl<R: Read + Seek> RecordReader<R> {
 
     fn read_more(&mut self, length: u64) -> io::Result<()> {
         let before = self.body.len();
-        let read = (&mut self.source).take(length).read_to_end(&mut self.body)? as u64;
+        let read = (&mut self.source)
+            .take(length)
+            .read_to_end(&mut self.body)? as u64;
         self.position += read;
         if read < length {
             self.length = self.position;
@@ -407,46 +334,15 @@ impl<R: Read + Seek> RecordReader<R> {
     }
 
     fn io_error(&self, source: io::Error) -> ReadError {
-        ReadError::Io { call: "read", path: self.path.clone(), source }
+        ReadError::Io {
+            call: "read",
+            path: self.path.clone(),
+            source,
+        }
     }
 }
 
 fn frame(bytes: &[u8]) -> Option<(u8, u64)> {
     let (&[opcode], rest) = bytes.split_first_chunk::<1>()?;
     Some((opcode, u64::from_le_bytes(*rest.first_chunk()?)))
-}
-
-/// The packed records of a chunk record, as far as they are there.
-fn packed<'a>(body: &'a [u8], header: &ChunkHeader) -> &'a [u8] {
-    let start = usize::try_from(header.length).unwrap_or(usize::MAX);
-    let rest = body.get(start..).unwrap_or_default();
-    usize::try_from(header.compressed_size).ok().and_then(|size| rest.get(..size)).unwrap_or(rest)
-}
-
-struct Whole {
-    messages: u64,
-    end: usize,
-}
-
-/// How far whole records reach in the content of a cut chunk.
-fn whole_records(content: &[u8]) -> Whole {
-    let mut whole = Whole { messages: 0, end: 0 };
-    while let Some((opcode, length)) = content.get(whole.end..).and_then(frame) {
-        let end = usize::try_from(length).ok().and_then(|length| whole.end.checked_add(9)?.checked_add(length));
-        match end.filter(|end| *end <= content.len() && opcode != 0) {
-            Some(end) => whole.end = end,
-            None => break,
-        }
-        whole.messages += u64::from(opcode == MESSAGE);
-    }
-    whole
-}
-
-fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
-    let Some((CHUNK, length)) = frame(bytes) else { return false };
-    let Some(header) = bytes.get(9..).and_then(ChunkHeader::parse) else { return false };
-    ["", "zstd", "lz4"].contains(&header.compression.as_str())
-        && header.length.checked_add(header.compressed_size) == Some(length)
-        && length <= left - FRAME
-        && header.uncompressed_size <= LIMIT
 }

@@ -101,17 +101,26 @@ impl Recording {
 
 /// SHA-256 of a file, 64 hex digits.
 fn sha256_of(path: &Path) -> Result<String, ReadError> {
-    let io = |call| move |source| ReadError::Io { call, path: path.to_owned(), source };
+    let io = |call| {
+        move |source| ReadError::Io {
+            call,
+            path: path.to_owned(),
+            source,
+        }
+    };
     let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(io("open"))?);
     let mut hasher = Sha256::new();
     loop {
         let bytes = file.fill_buf().map_err(io("read"))?;
         if bytes.is_empty() {
-            return Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect());
+            return Ok(hasher
+                .finalize()
+                .iter()
+                .map(|byte| format!("{byte:02x}"))
+                .collect());
         }
         hasher.update(bytes);
         let length = bytes.len();
         file.consume(length);
     }
 }
-

@@ -21,7 +21,10 @@ macro_rules! dependency {
 macro_rules! header {
     () => {
         concat!(
-            dependency!("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
+            dependency!(
+                "std_msgs/Header",
+                "builtin_interfaces/Time stamp\nstring frame_id\n"
+            ),
             dependency!("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
         )
     };
@@ -33,7 +36,10 @@ macro_rules! vector3 {
 }
 macro_rules! quaternion {
     () => {
-        dependency!("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n")
+        dependency!(
+            "geometry_msgs/Quaternion",
+            "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+        )
     };
 }
 macro_rules! transform_stamped {
@@ -58,23 +64,31 @@ macro_rules! transform_stamped_dependencies {
 /// `std_msgs/msg/String`.
 pub const STRING: &str = "string data\n";
 /// RIHS01 hash of [`STRING`].
-pub const STRING_HASH: &str = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
+pub const STRING_HASH: &str =
+    "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
 
 /// `geometry_msgs/msg/WrenchStamped`.
 pub const WRENCH_STAMPED: &str = concat!(
     "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n",
     header!(),
-    dependency!("geometry_msgs/Wrench", "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n"),
+    dependency!(
+        "geometry_msgs/Wrench",
+        "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n"
+    ),
     vector3!(),
 );
 /// RIHS01 hash of [`WRENCH_STAMPED`].
-pub const WRENCH_STAMPED_HASH: &str = "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
+pub const WRENCH_STAMPED_HASH: &str =
+    "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
 
 /// `sensor_msgs/msg/Temperature`.
-pub const TEMPERATURE: &str =
-    concat!("std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n", header!());
+pub const TEMPERATURE: &str = concat!(
+    "std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n",
+    header!()
+);
 /// RIHS01 hash of [`TEMPERATURE`].
-pub const TEMPERATURE_HASH: &str = "RIHS01_72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8";
+pub const TEMPERATURE_HASH: &str =
+    "RIHS01_72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8";
 
 /// `sensor_msgs/msg/JointState`.
 pub const JOINT_STATE: &str = concat!(
@@ -82,21 +96,27 @@ pub const JOINT_STATE: &str = concat!(
     header!(),
 );
 /// RIHS01 hash of [`JOINT_STATE`].
-pub const JOINT_STATE_HASH: &str = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e";
+pub const JOINT_STATE_HASH: &str =
+    "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e";
 
 /// `geometry_msgs/msg/PoseStamped`.
 pub const POSE_STAMPED: &str = concat!(
     "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
     header!(),
-    dependency!("geometry_msgs/Pose", "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"),
+    dependency!(
+        "geometry_msgs/Pose",
+        "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
+    ),
     dependency!("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
     quaternion!(),
 );
 /// RIHS01 hash of [`POSE_STAMPED`].
-pub const POSE_STAMPED_HASH: &str = "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8";
+pub const POSE_STAMPED_HASH: &str =
+    "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8";
 
 /// `geometry_msgs/msg/TransformStamped`.
-pub const TRANSFORM_STAMPED: &str = concat!(transform_stamped!(), transform_stamped_dependencies!());
+pub const TRANSFORM_STAMPED: &str =
+    concat!(transform_stamped!(), transform_stamped_dependencies!());
 /// RIHS01 hash of [`TRANSFORM_STAMPED`].
 pub const TRANSFORM_STAMPED_HASH: &str =
     "RIHS01_0a241f87d04668d94099cbb5ba11691d5ad32c2f29682e4eb5653424bd275206";
@@ -108,7 +128,8 @@ pub const TF_MESSAGE: &str = concat!(
     transform_stamped_dependencies!(),
 );
 /// RIHS01 hash of [`TF_MESSAGE`].
-pub const TF_MESSAGE_HASH: &str = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+pub const TF_MESSAGE_HASH: &str =
+    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 pub const DIAGNOSTIC_ARRAY: &str = concat!(
@@ -134,8 +155,8 @@ mod tests {
     use sha2::{Digest, Sha256};
 
     use crate::message::{
-        DiagnosticArray, JointState, Message, PoseStamped, TFMessage, Temperature, Text, TransformStamped,
-        WrenchStamped,
+        DiagnosticArray, JointState, Message, PoseStamped, TFMessage, Temperature, Text,
+        TransformStamped, WrenchStamped,
     };
 
     /// (name, type) of every field of every type in a definition, by full type name.
@@ -148,10 +169,16 @@ mod tests {
                 assert_eq!(line, "=".repeat(80));
             } else if let Some(name) = line.strip_prefix("MSG: ") {
                 current = full_name(name);
-                assert!(types.insert(current.clone(), Vec::new()).is_none(), "{name} twice");
+                assert!(
+                    types.insert(current.clone(), Vec::new()).is_none(),
+                    "{name} twice"
+                );
             } else if !line.contains('=') {
                 let (kind, name) = line.split_once(' ').unwrap();
-                types.get_mut(&current).unwrap().push((name.to_owned(), kind.to_owned()));
+                types
+                    .get_mut(&current)
+                    .unwrap()
+                    .push((name.to_owned(), kind.to_owned()));
             }
         }
         types
@@ -182,8 +209,14 @@ mod tests {
     }
 
     fn type_json(name: &str, fields: &[(String, String)]) -> String {
-        let fields: Vec<_> = fields.iter().map(|(name, kind)| field_json(name, kind)).collect();
-        format!("{{\"type_name\": \"{name}\", \"fields\": [{}]}}", fields.join(", "))
+        let fields: Vec<_> = fields
+            .iter()
+            .map(|(name, kind)| field_json(name, kind))
+            .collect();
+        format!(
+            "{{\"type_name\": \"{name}\", \"fields\": [{}]}}",
+            fields.join(", ")
+        )
     }
 
     /// REP-2016: SHA-256 of the canonical JSON of the type and of all it refers to.
@@ -207,7 +240,12 @@ mod tests {
     #[test]
     fn every_type_hash_follows_from_its_definition() {
         fn check<M: Message>() {
-            assert_eq!(rihs01(M::TYPE_NAME, M::DEFINITION), M::TYPE_HASH, "{}", M::TYPE_NAME);
+            assert_eq!(
+                rihs01(M::TYPE_NAME, M::DEFINITION),
+                M::TYPE_HASH,
+                "{}",
+                M::TYPE_NAME
+            );
         }
         check::<Text>();
         check::<WrenchStamped>();
@@ -228,8 +266,15 @@ mod tests {
             (WrenchStamped::TYPE_NAME, WrenchStamped::DEFINITION),
         ] {
             let types = parse(top, definition);
-            for (_, kind) in types.values().flatten().filter(|(_, kind)| kind.contains('/')) {
-                assert!(types.contains_key(&full_name(kind.trim_end_matches("[]"))), "{kind} in {top}");
+            for (_, kind) in types
+                .values()
+                .flatten()
+                .filter(|(_, kind)| kind.contains('/'))
+            {
+                assert!(
+                    types.contains_key(&full_name(kind.trim_end_matches("[]"))),
+                    "{kind} in {top}"
+                );
             }
         }
     }

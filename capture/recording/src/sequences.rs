@@ -13,7 +13,12 @@ impl Sequences {
     /// For a writer that counts from `start`; 0 when it is not known to count, so that gaps before the first number
     /// are not seen.
     pub(crate) fn starting_at(start: u32) -> Self {
-        Self { start, lowest: u32::MAX, highest: 0, messages: 0 }
+        Self {
+            start,
+            lowest: u32::MAX,
+            highest: 0,
+            messages: 0,
+        }
     }
 
     pub(crate) fn add(&mut self, sequence: u32) {
@@ -36,7 +41,11 @@ impl Sequences {
         if self.messages == 0 || !self.counted() {
             return 0;
         }
-        let lowest = if self.start > 0 { self.start.min(self.lowest) } else { self.lowest };
+        let lowest = if self.start > 0 {
+            self.start.min(self.lowest)
+        } else {
+            self.lowest
+        };
         (u64::from(self.highest - lowest) + 1).saturating_sub(self.messages)
     }
 }

@@ -9,9 +9,8 @@
 //! thread every second or two.
 
 use std::collections::BTreeMap;
-use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufWriter, Write};
+use std::fs::{self, File};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,6 +24,11 @@ use mcap::write::NoSeek;
 pub use crate::error::WriteError;
 use crate::message::Message;
 use crate::qos::Qos;
+
+pub(crate) mod file;
+
+pub use file::partial_path;
+use file::{Counted, format_error, io_error, open, sync_directory};
 
 /// What `Header.library` of a recording says.
 pub(crate) const LIBRARY: &str = concat!("ft-capture ", env!("CARGO_PKG_VERSION"));
@@ -135,18 +139,27 @@ impl RecordingWriter {
     pub fn create(path: &Path, options: &WriterOptions) -> Result<Self, WriteError> {
         let partial = partial_path(path);
         if !options.overwrite && path.exists() {
-            return Err(WriteError::Exists { path: path.to_owned() });
+            return Err(WriteError::Exists {
+                path: path.to_owned(),
+            });
         }
         let file = open(&partial, options.overwrite)?;
         let bytes = Arc::new(AtomicU64::new(0));
-        let clone = file.try_clone().map_err(|source| io_error("duplicate the handle of", &partial, source))?;
-        let sink = NoSeek::new(BufWriter::new(Counted { file: clone, bytes: Arc::clone(&bytes) }));
+        let clone = file
+            .try_clone()
+            .map_err(|source| io_error("duplicate the handle of", &partial, source))?;
+        let sink = NoSeek::new(BufWriter::new(Counted {
+            file: clone,
+            bytes: Arc::clone(&bytes),
+        }));
         let mut writer = mcap_options(options)
             .profile("ros2")
             .library(LIBRARY)
             .create(sink)
             .map_err(|error| format_error(error, &partial))?;
-        writer.flush().map_err(|error| format_error(error, &partial))?;
+        writer
+            .flush()
+            .map_err(|error| format_error(error, &partial))?;
         Ok(Self {
             writer: Some(writer),
             file,
@@ -164,7 +177,11 @@ impl RecordingWriter {
     ///
     /// # Errors
     /// When the topic has a channel already, or on any error of [`Self::write`].
-    pub fn add_channel<M: Message>(&mut self, topic: &str, qos: Qos) -> Result<ChannelId, WriteError> {
+    pub fn add_channel<M: Message>(
+        &mut self,
+        topic: &str,
+        qos: Qos,
+    ) -> Result<ChannelId, WriteError> {
         self.refuse_duplicate(topic)?;
         let metadata = BTreeMap::from([
             ("offered_qos_profiles".to_owned(), qos.to_yaml()),
@@ -183,7 +200,8 @@ impl RecordingWriter {
     /// When the topic has a channel already, or on any error of [`Self::write`].
     pub fn add_raw_channel(&mut self, topic: &str) -> Result<ChannelId, WriteError> {
         self.refuse_duplicate(topic)?;
-        let id = self.attempt(|writer| writer.add_channel(0, topic, RAW_ENCODING, &BTreeMap::new()))?;
+        let id =
+            self.attempt(|writer| writer.add_channel(0, topic, RAW_ENCODING, &BTreeMap::new()))?;
         self.remember(id, topic)
     }
 
@@ -202,14 +220,24 @@ impl RecordingWriter {
         let log_time = unix_nanos(stamps.log_time)?;
         let publish_time = unix_nanos(stamps.publish_time)?;
         let channels = self.channels.len();
-        let entry = self
-            .channels
-            .get_mut(usize::from(channel.0))
-            .ok_or(WriteError::UnknownChannel { channel: channel.0, channels })?;
+        let entry =
+            self.channels
+                .get_mut(usize::from(channel.0))
+                .ok_or(WriteError::UnknownChannel {
+                    channel: channel.0,
+                    channels,
+                })?;
         let sequence = entry.sequence.wrapping_add(1);
-        let header = MessageHeader { channel_id: entry.id, sequence, log_time, publish_time };
+        let header = MessageHeader {
+            channel_id: entry.id,
+            sequence,
+            log_time,
+            publish_time,
+        };
         let Some(writer) = &mut self.writer else {
-            return Err(WriteError::Stopped { path: self.partial.clone() });
+            return Err(WriteError::Stopped {
+                path: self.partial.clone(),
+            });
         };
         if let Err(error) = writer.write_to_known_channel(&header, payload) {
             return Err(self.stop(error));
@@ -246,7 +274,10 @@ impl RecordingWriter {
         name: &str,
         entries: &BTreeMap<String, String>,
     ) -> Result<(), WriteError> {
-        let record = Metadata { name: name.to_owned(), metadata: entries.clone() };
+        let record = Metadata {
+            name: name.to_owned(),
+            metadata: entries.clone(),
+        };
         self.attempt(|writer| {
             writer.write_metadata(&record)?;
             writer.flush()
@@ -278,20 +309,33 @@ impl RecordingWriter {
     pub fn finish(mut self) -> Result<Finished, WriteError> {
         self.attempt(|writer| writer.finish().map(drop))?;
         self.writer = None;
-        self.file.sync_all().map_err(|source| io_error("sync", &self.partial, source))?;
+        self.file
+            .sync_all()
+            .map_err(|source| io_error("sync", &self.partial, source))?;
         if !self.options.overwrite && self.path.exists() {
-            return Err(WriteError::Exists { path: self.path.clone() });
+            return Err(WriteError::Exists {
+                path: self.path.clone(),
+            });
         }
         fs::rename(&self.partial, &self.path)
             .map_err(|source| io_error("give the final name to", &self.partial, source))?;
         sync_directory(&self.path);
-        let messages = self.channels.iter().map(|channel| (channel.topic.clone(), channel.messages));
-        Ok(Finished { path: self.path.clone(), bytes: self.bytes_written(), messages: messages.collect() })
+        let messages = self
+            .channels
+            .iter()
+            .map(|channel| (channel.topic.clone(), channel.messages));
+        Ok(Finished {
+            path: self.path.clone(),
+            bytes: self.bytes_written(),
+            messages: messages.collect(),
+        })
     }
 
     fn refuse_duplicate(&self, topic: &str) -> Result<(), WriteError> {
         match self.channels.iter().any(|channel| channel.topic == topic) {
-            true => Err(WriteError::DuplicateTopic { topic: topic.to_owned() }),
+            true => Err(WriteError::DuplicateTopic {
+                topic: topic.to_owned(),
+            }),
             false => Ok(()),
         }
     }
@@ -299,14 +343,24 @@ impl RecordingWriter {
     fn remember(&mut self, id: u16, topic: &str) -> Result<ChannelId, WriteError> {
         let index = u16::try_from(self.channels.len());
         let index = index.map_err(|_| format_error(McapError::TooManyChannels, &self.partial))?;
-        self.channels.push(Channel { id, topic: topic.to_owned(), sequence: 0, messages: 0 });
+        self.channels.push(Channel {
+            id,
+            topic: topic.to_owned(),
+            sequence: 0,
+            messages: 0,
+        });
         self.pending = true;
         Ok(ChannelId(index))
     }
 
-    fn attempt<T>(&mut self, call: impl FnOnce(&mut McapWriter) -> Result<T, McapError>) -> Result<T, WriteError> {
+    fn attempt<T>(
+        &mut self,
+        call: impl FnOnce(&mut McapWriter) -> Result<T, McapError>,
+    ) -> Result<T, WriteError> {
         let Some(writer) = &mut self.writer else {
-            return Err(WriteError::Stopped { path: self.partial.clone() });
+            return Err(WriteError::Stopped {
+                path: self.partial.clone(),
+            });
         };
         call(writer).map_err(|error| self.stop(error))
     }
@@ -318,14 +372,6 @@ impl RecordingWriter {
         }
         format_error(error, &self.partial)
     }
-}
-
-/// The name of a recording while it is written: `path` with `.partial` behind.
-#[must_use]
-pub fn partial_path(path: &Path) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(".partial");
-    PathBuf::from(name)
 }
 
 /// Options of the `mcap` crate for files that are never patched afterwards.
@@ -341,62 +387,8 @@ pub(crate) fn mcap_options(options: &WriterOptions) -> mcap::WriteOptions {
         .disable_seeking(true)
 }
 
-fn open(partial: &Path, overwrite: bool) -> Result<File, WriteError> {
-    let mut how = OpenOptions::new();
-    how.write(true);
-    if overwrite { how.create(true) } else { how.create_new(true) };
-    let file = how.open(partial).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => WriteError::Leftover { partial: partial.to_owned() },
-        _ => io_error("create", partial, source),
-    })?;
-    // File systems without locks are no reason not to record.
-    if let Err(TryLockError::WouldBlock) = file.try_lock() {
-        return Err(WriteError::Busy { partial: partial.to_owned() });
-    }
-    file.set_len(0).map_err(|source| io_error("empty", partial, source))?;
-    Ok(file)
-}
-
-/// Makes the new name last through a power loss; not all file systems can, and the data are safe without.
-fn sync_directory(path: &Path) {
-    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let _ = File::open(directory).and_then(|directory| directory.sync_all());
-}
-
 fn unix_nanos(at: HostTime) -> Result<u64, WriteError> {
-    u64::try_from(at.as_nanos()).map_err(|_| WriteError::BeforeEpoch { nanos: at.as_nanos() })
-}
-
-pub(crate) fn io_error(call: &'static str, path: &Path, source: io::Error) -> WriteError {
-    match source.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
-            WriteError::NoSpace { path: path.to_owned() }
-        }
-        _ => WriteError::Io { call, path: path.to_owned(), source },
-    }
-}
-
-pub(crate) fn format_error(error: McapError, path: &Path) -> WriteError {
-    match error {
-        McapError::Io(source) => io_error("write to", path, source),
-        source => WriteError::Format { path: path.to_owned(), source },
-    }
-}
-
-/// A file that counts what it took.
-struct Counted {
-    file: File,
-    bytes: Arc<AtomicU64>,
-}
-
-impl Write for Counted {
-    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        let written = self.file.write(buffer)?;
-        self.bytes.fetch_add(written as u64, Ordering::Relaxed);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
+    u64::try_from(at.as_nanos()).map_err(|_| WriteError::BeforeEpoch {
+        nanos: at.as_nanos(),
+    })
 }

@@ -13,15 +13,31 @@ mod recordings;
 
 #[test]
 fn every_conformance_file_is_read_as_its_listing_says() {
-    let Some(directory) = recordings::data_directory("mcap_conformance") else { return };
+    let Some(directory) = recordings::data_directory("mcap_conformance") else {
+        return;
+    };
     let mut files = 0;
-    for folder in fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path()) {
+    for folder in fs::read_dir(directory)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+    {
         if !folder.is_dir() {
             continue;
         }
-        for file in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
-            if file.extension().is_some_and(|extension| extension == "mcap") {
-                assert_eq!(read(&file), listed(&file.with_extension("json")), "{}", file.display());
+        for file in fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+        {
+            if file
+                .extension()
+                .is_some_and(|extension| extension == "mcap")
+            {
+                assert_eq!(
+                    read(&file),
+                    listed(&file.with_extension("json")),
+                    "{}",
+                    file.display()
+                );
                 files += 1;
             }
         }
@@ -37,7 +53,12 @@ fn listed(path: &Path) -> Vec<Value> {
         let fields = fields.map(|field| (field[0].as_str().unwrap().to_owned(), field[1].clone()));
         json!([record["type"], fields.collect::<Map<_, _>>()])
     };
-    listing["records"].as_array().unwrap().iter().map(record).collect()
+    listing["records"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(record)
+        .collect()
 }
 
 fn read(path: &Path) -> Vec<Value> {
@@ -59,7 +80,9 @@ fn numbers(bytes: &[u8]) -> Vec<String> {
 /// As the listings have it; they leave out message indexes.
 fn describe(record: Record<'_>) -> Option<Value> {
     Some(match record {
-        Record::Header { profile, library } => json!(["Header", {"profile": profile, "library": library}]),
+        Record::Header { profile, library } => {
+            json!(["Header", {"profile": profile, "library": library}])
+        }
         Record::Schema(schema) => json!(["Schema", {
             "id": schema.id.to_string(), "name": schema.name, "encoding": schema.encoding,
             "data": numbers(&schema.data)
@@ -77,15 +100,23 @@ fn describe(record: Record<'_>) -> Option<Value> {
             "create_time": attachment.create_time.to_string(), "log_time": attachment.log_time.to_string(),
             "name": attachment.name, "media_type": attachment.media_type, "data": numbers(attachment.data)
         }]),
-        Record::Metadata { name, entries } => json!(["Metadata", {"name": name, "metadata": entries}]),
+        Record::Metadata { name, entries } => {
+            json!(["Metadata", {"name": name, "metadata": entries}])
+        }
         Record::DataEnd { data_section_crc } => {
             json!(["DataEnd", {"data_section_crc": data_section_crc.to_string()}])
         }
-        Record::Footer { summary_start, summary_offset_start, summary_crc } => json!(["Footer", {
+        Record::Footer {
+            summary_start,
+            summary_offset_start,
+            summary_crc,
+        } => json!(["Footer", {
             "summary_start": summary_start.to_string(), "summary_crc": summary_crc.to_string(),
             "summary_offset_start": summary_offset_start.to_string()
         }]),
-        Record::Other { opcode, body } => return describe_index(mcap::parse_record(opcode, body).unwrap()),
+        Record::Other { opcode, body } => {
+            return describe_index(mcap::parse_record(opcode, body).unwrap());
+        }
         Record::Unreadable { opcode } => panic!("record {opcode:#04x} is unreadable"),
     })
 }
@@ -135,5 +166,7 @@ fn describe_statistics(statistics: records::Statistics) -> Value {
 }
 
 fn by_number(map: impl IntoIterator<Item = (u16, u64)>) -> Map<String, Value> {
-    map.into_iter().map(|(key, value)| (key.to_string(), json!(value.to_string()))).collect()
+    map.into_iter()
+        .map(|(key, value)| (key.to_string(), json!(value.to_string())))
+        .collect()
 }

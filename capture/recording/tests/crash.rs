@@ -2,7 +2,10 @@
 //!
 //! This program starts itself again as the recorder: `FT_CRASH_CHILD` says which, `FT_CRASH_PATH` where to.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![allow(clippy::disallowed_methods, reason = "the recorder that is killed runs in real time")]
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the recorder that is killed runs in real time"
+)]
 
 use std::env;
 use std::fs::{self, File};
@@ -41,10 +44,19 @@ fn main() {
         }
         return;
     }
-    let filter = env::args().skip(1).find(|argument| !argument.starts_with('-')).unwrap_or_default();
+    let filter = env::args()
+        .skip(1)
+        .find(|argument| !argument.starts_with('-'))
+        .unwrap_or_default();
     let tests: [(&str, fn()); 2] = [
-        ("a_kill_costs_at_most_a_quarter_of_a_second", a_kill_costs_at_most_a_quarter_of_a_second),
-        ("a_full_disk_stops_the_recording_and_keeps_it", a_full_disk_stops_the_recording_and_keeps_it),
+        (
+            "a_kill_costs_at_most_a_quarter_of_a_second",
+            a_kill_costs_at_most_a_quarter_of_a_second,
+        ),
+        (
+            "a_full_disk_stops_the_recording_and_keeps_it",
+            a_full_disk_stops_the_recording_and_keeps_it,
+        ),
     ];
     for (name, test) in tests.into_iter().filter(|(name, _)| name.contains(&filter)) {
         if env::args().any(|argument| argument == "--list") {
@@ -62,7 +74,12 @@ fn unix_now() -> HostTime {
 }
 
 fn child(command: &mut Command, role: &str, path: &Path) -> Child {
-    command.env("FT_CRASH_CHILD", role).env("FT_CRASH_PATH", path).stdout(Stdio::piped()).spawn().unwrap()
+    command
+        .env("FT_CRASH_CHILD", role)
+        .env("FT_CRASH_PATH", path)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap()
 }
 
 /// Three streams, wrench and pose at 1 kHz. The last number and time of each stream stand in the file `progress`.
@@ -78,16 +95,31 @@ impl Recorder {
     fn new(path: &Path, options: &WriterOptions) -> Self {
         let mut writer = RecordingWriter::create(path, options).unwrap();
         let channels = [
-            writer.add_channel::<WrenchStamped>(TOPICS[0], Qos::SENSOR).unwrap(),
-            writer.add_channel::<PoseStamped>(TOPICS[1], Qos::SENSOR).unwrap(),
-            writer.add_channel::<JointState>(TOPICS[2], Qos::SENSOR).unwrap(),
+            writer
+                .add_channel::<WrenchStamped>(TOPICS[0], Qos::SENSOR)
+                .unwrap(),
+            writer
+                .add_channel::<PoseStamped>(TOPICS[1], Qos::SENSOR)
+                .unwrap(),
+            writer
+                .add_channel::<JointState>(TOPICS[2], Qos::SENSOR)
+                .unwrap(),
         ];
         let progress = File::create(path.with_extension("progress")).unwrap();
-        Self { writer, channels, numbers: Numbers(1), progress, buffer: Vec::new() }
+        Self {
+            writer,
+            channels,
+            numbers: Numbers(1),
+            progress,
+            buffer: Vec::new(),
+        }
     }
 
     fn step(&mut self, step: i64, now: HostTime) -> Result<(), WriteError> {
-        let stamps = MessageStamps { log_time: now, publish_time: now };
+        let stamps = MessageStamps {
+            log_time: now,
+            publish_time: now,
+        };
         for (index, channel) in self.channels.into_iter().enumerate() {
             match index {
                 0 => wrench(step, &mut self.numbers).encode(&mut self.buffer),
@@ -96,15 +128,27 @@ impl Recorder {
                 _ => gripper(step, 0.04).encode(&mut self.buffer),
             }
             self.writer.write(channel, stamps, &self.buffer)?;
-            self.progress.write_all_at(&now.as_nanos().to_le_bytes(), index as u64 * 8).unwrap();
+            self.progress
+                .write_all_at(&now.as_nanos().to_le_bytes(), index as u64 * 8)
+                .unwrap();
         }
         self.writer.flush_if_due(now)
     }
 }
 
 fn record_in_real_time(path: &Path) {
-    let compression = if path.ends_with("packed.mcap") { Compression::Zstd } else { Compression::None };
-    let mut recorder = Recorder::new(path, &WriterOptions { compression, ..WriterOptions::default() });
+    let compression = if path.ends_with("packed.mcap") {
+        Compression::Zstd
+    } else {
+        Compression::None
+    };
+    let mut recorder = Recorder::new(
+        path,
+        &WriterOptions {
+            compression,
+            ..WriterOptions::default()
+        },
+    );
     let start = Instant::now();
     for step in 0.. {
         let due = Duration::from_millis(step);
@@ -118,9 +162,17 @@ fn a_kill_costs_at_most_a_quarter_of_a_second() {
     let mut numbers = Numbers(unix_now().as_nanos() as u64);
     println!("seed {:#x}", numbers.0);
     for round in 0..KILLS {
-        let name = if round % 2 == 0 { "packed.mcap" } else { "plain.mcap" };
+        let name = if round % 2 == 0 {
+            "packed.mcap"
+        } else {
+            "plain.mcap"
+        };
         let path = folder.path().join(name);
-        let mut recorder = child(&mut Command::new(env::current_exe().unwrap()), "real_time", &path);
+        let mut recorder = child(
+            &mut Command::new(env::current_exe().unwrap()),
+            "real_time",
+            &path,
+        );
         let lifetime = Duration::from_millis(700 + numbers.below(1300));
         sleep(lifetime);
         recorder.kill().unwrap();
@@ -133,7 +185,10 @@ fn a_kill_costs_at_most_a_quarter_of_a_second() {
             let written = i64::from_le_bytes(bytes.try_into().unwrap());
             let found = &recovered.topics[topic];
             let lost = (written - found.last_ns.unwrap()) as f64 * 1e-9;
-            assert!((0.0..=LOSS_LIMIT).contains(&lost), "{topic}: the last {lost} s are lost");
+            assert!(
+                (0.0..=LOSS_LIMIT).contains(&lost),
+                "{topic}: the last {lost} s are lost"
+            );
             assert_eq!(found.missing_sequences, 0, "{topic}");
             assert!(found.messages > 10, "{topic}");
         }
@@ -156,7 +211,10 @@ fn record_until_the_disk_is_full(path: &Path) {
                 assert!(matches!(error, WriteError::NoSpace { .. }), "{error:?}");
                 let again = recorder.step(step, recordings::at(step)).unwrap_err();
                 assert!(matches!(again, WriteError::Stopped { .. }), "{again:?}");
-                assert!(matches!(recorder.writer.finish(), Err(WriteError::Stopped { .. })));
+                assert!(matches!(
+                    recorder.writer.finish(),
+                    Err(WriteError::Stopped { .. })
+                ));
                 println!("{flushed} {error}");
                 return;
             }
@@ -169,17 +227,32 @@ fn a_full_disk_stops_the_recording_and_keeps_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut shell = Command::new("sh");
-    shell.arg("-c").arg("trap '' XFSZ; ulimit -f 150; exec \"$0\"").arg(env::current_exe().unwrap());
+    shell
+        .arg("-c")
+        .arg("trap '' XFSZ; ulimit -f 150; exec \"$0\"")
+        .arg(env::current_exe().unwrap());
     let mut recorder = child(&mut shell, "full_disk", &path);
     let mut said = String::new();
-    recorder.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+    recorder
+        .stdout
+        .take()
+        .unwrap()
+        .read_to_string(&mut said)
+        .unwrap();
     assert!(recorder.wait().unwrap().success());
     let (flushed, error) = said.trim().split_once(' ').unwrap();
-    assert!(error.starts_with("no space left while writing ") && error.contains("ft-capture recover"), "{error}");
+    assert!(
+        error.starts_with("no space left while writing ") && error.contains("ft-capture recover"),
+        "{error}"
+    );
     assert!(!path.exists());
     let recovered = recover(&partial_path(&path), &path, false).unwrap();
     let found = &recovered.topics[TOPICS[0]];
-    assert!(found.messages >= flushed.parse().unwrap(), "{} of {flushed}", found.messages);
+    assert!(
+        found.messages >= flushed.parse().unwrap(),
+        "{} of {flushed}",
+        found.messages
+    );
     assert!(found.messages >= 100);
     assert_eq!(found.missing_sequences, 0);
 }

@@ -19,11 +19,19 @@ fn hex(bytes: &[u8]) -> String {
 fn describe(record: Record<'_>) -> Option<String> {
     Some(match record {
         Record::Header { profile, .. } => format!("header {profile}"),
-        Record::Schema(schema) => format!("schema {} {} {}", schema.id, schema.name, schema.encoding),
+        Record::Schema(schema) => {
+            format!("schema {} {} {}", schema.id, schema.name, schema.encoding)
+        }
         Record::Channel(channel) => {
-            let hash = channel.metadata.get("topic_type_hash").map_or("-", String::as_str);
+            let hash = channel
+                .metadata
+                .get("topic_type_hash")
+                .map_or("-", String::as_str);
             let encoding = channel.message_encoding;
-            format!("channel {} {} {} {encoding} {hash}", channel.id, channel.schema_id, channel.topic)
+            format!(
+                "channel {} {} {} {encoding} {hash}",
+                channel.id, channel.schema_id, channel.topic
+            )
         }
         Record::Message(message) => format!(
             "message {} {} {} {} {}",
@@ -51,6 +59,7 @@ fn a_recording_of_two_milliseconds_is_this() {
         }
         lines.extend(describe(record));
     }
-    let expected = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/formats_v1.txt")).unwrap();
+    let expected =
+        fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/formats_v1.txt")).unwrap();
     assert_eq!(lines.join("\n"), expected.trim_end());
 }

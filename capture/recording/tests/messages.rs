@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use ft_recording::message::{
-    DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Message, Pose, PoseStamped, TFMessage,
-    Temperature, Text, Time, Transform, TransformStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Message, Pose, PoseStamped,
+    TFMessage, Temperature, Text, Time, Transform, TransformStamped, WrenchStamped,
 };
 use ft_recording::{CdrError, message};
 use ft_wire::HostTime;
@@ -11,12 +11,21 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 fn unhex(text: &str) -> Vec<u8> {
-    let digits: Vec<u32> = text.chars().filter_map(|digit| digit.to_digit(16)).collect();
-    digits.chunks(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect()
+    let digits: Vec<u32> = text
+        .chars()
+        .filter_map(|digit| digit.to_digit(16))
+        .collect();
+    digits
+        .chunks(2)
+        .map(|pair| (pair[0] * 16 + pair[1]) as u8)
+        .collect()
 }
 
 fn header(frame_id: &str) -> Header {
-    Header { stamp: Time { sec: 1, nanosec: 2 }, frame_id: frame_id.to_owned() }
+    Header {
+        stamp: Time { sec: 1, nanosec: 2 },
+        frame_id: frame_id.to_owned(),
+    }
 }
 
 /// Both byte orders are read to `message`, and `message` is written as `little`.
@@ -45,7 +54,11 @@ fn a_wrench_is_written_as_rosbags_writes_it() {
 #[test]
 fn a_temperature_is_written_as_rosbags_writes_it() {
     assert_golden(
-        &Temperature { header: header("ft_sensor"), temperature: 31.5, variance: 0.25 },
+        &Temperature {
+            header: header("ft_sensor"),
+            temperature: 31.5,
+            variance: 0.25,
+        },
         "00010000 01000000 02000000 0a000000 66745f73656e736f7200 0000 0000000000803f40 000000000000d03f",
         "00000000 00000001 00000002 0000000a 66745f73656e736f7200 0000 403f800000000000 3fd0000000000000",
     );
@@ -71,7 +84,10 @@ fn a_joint_state_is_written_as_rosbags_writes_it() {
 
 #[test]
 fn a_pose_is_written_as_rosbags_writes_it() {
-    let pose = Pose { position: [1.0, 2.0, 3.0].into(), orientation: [0.0, 0.0, 0.6, 0.8].into() };
+    let pose = Pose {
+        position: [1.0, 2.0, 3.0].into(),
+        orientation: [0.0, 0.0, 0.6, 0.8].into(),
+    };
     assert_golden(
         &PoseStamped { header: header("world"), pose },
         "00010000 01000000 02000000 06000000 776f726c6400 0000 00000000 000000000000f03f 0000000000000040
@@ -83,11 +99,15 @@ fn a_pose_is_written_as_rosbags_writes_it() {
 
 #[test]
 fn transforms_are_written_as_rosbags_writes_them() {
-    let transform = |parent: &str, child: &str, translation: [f64; 3], rotation: [f64; 4]| TransformStamped {
-        header: header(parent),
-        child_frame_id: child.to_owned(),
-        transform: Transform { translation: translation.into(), rotation: rotation.into() },
-    };
+    let transform =
+        |parent: &str, child: &str, translation: [f64; 3], rotation: [f64; 4]| TransformStamped {
+            header: header(parent),
+            child_frame_id: child.to_owned(),
+            transform: Transform {
+                translation: translation.into(),
+                rotation: rotation.into(),
+            },
+        };
     let transforms = vec![
         transform("tcp", "ft_sensor", [1.0, 2.0, 3.0], [0.0, 0.0, 0.6, 0.8]),
         transform("a", "b", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
@@ -108,7 +128,9 @@ fn transforms_are_written_as_rosbags_writes_them() {
 #[test]
 fn a_text_is_written_as_rosbags_writes_it() {
     assert_golden(
-        &Text { data: "tare".to_owned() },
+        &Text {
+            data: "tare".to_owned(),
+        },
         "00010000 05000000 7461726500",
         "00000000 00000005 7461726500",
     );
@@ -116,7 +138,10 @@ fn a_text_is_written_as_rosbags_writes_it() {
 
 #[test]
 fn diagnostics_are_written_as_rosbags_writes_them() {
-    let value = |key: &str, value: &str| KeyValue { key: key.to_owned(), value: value.to_owned() };
+    let value = |key: &str, value: &str| KeyValue {
+        key: key.to_owned(),
+        value: value.to_owned(),
+    };
     let late = DiagnosticStatus {
         level: DiagnosticStatus::WARN,
         name: "ft_sensor".to_owned(),
@@ -124,7 +149,10 @@ fn diagnostics_are_written_as_rosbags_writes_them() {
         hardware_id: "0001".to_owned(),
         values: vec![value("gaps", "3"), value("", "")],
     };
-    let fine = DiagnosticStatus { name: "b".to_owned(), ..DiagnosticStatus::default() };
+    let fine = DiagnosticStatus {
+        name: "b".to_owned(),
+        ..DiagnosticStatus::default()
+    };
     assert_golden(
         &DiagnosticArray { header: header(""), status: vec![late, fine] },
         "000100000100000002000000010000000000000002000000010000000a00000066745f73656e736f7200000005000000
@@ -144,25 +172,53 @@ fn stamps_and_host_instants_are_the_same() {
         assert!(stamp.nanosec < 1_000_000_000);
         assert_eq!(HostTime::from(stamp), at);
     }
-    assert_eq!(Time::from(HostTime::FAR_FUTURE), Time { sec: i32::MAX, nanosec: 999_999_999 });
-    assert_eq!(Time::from(HostTime::from_nanos(i64::MIN)), Time { sec: i32::MIN, nanosec: 0 });
+    assert_eq!(
+        Time::from(HostTime::FAR_FUTURE),
+        Time {
+            sec: i32::MAX,
+            nanosec: 999_999_999
+        }
+    );
+    assert_eq!(
+        Time::from(HostTime::from_nanos(i64::MIN)),
+        Time {
+            sec: i32::MIN,
+            nanosec: 0
+        }
+    );
 }
 
 #[test]
 fn a_grown_buffer_is_reused() {
     let mut buffer = Vec::new();
-    let message = WrenchStamped { header: header("ft_sensor"), ..WrenchStamped::default() };
+    let message = WrenchStamped {
+        header: header("ft_sensor"),
+        ..WrenchStamped::default()
+    };
     message.encode(&mut buffer);
     let (address, capacity) = (buffer.as_ptr(), buffer.capacity());
     message.encode(&mut buffer);
-    assert_eq!((buffer.as_ptr(), buffer.capacity(), buffer.len()), (address, capacity, 76));
+    assert_eq!(
+        (buffer.as_ptr(), buffer.capacity(), buffer.len()),
+        (address, capacity, 76)
+    );
 }
 
 #[test]
 fn another_type_is_not_taken_for_a_wrench() {
     let mut bytes = Vec::new();
-    PoseStamped { header: header("world"), ..PoseStamped::default() }.encode(&mut bytes);
-    assert_eq!(WrenchStamped::decode(&bytes), Err(CdrError::Trailing { offset: 76, extra: 8 }));
+    PoseStamped {
+        header: header("world"),
+        ..PoseStamped::default()
+    }
+    .encode(&mut bytes);
+    assert_eq!(
+        WrenchStamped::decode(&bytes),
+        Err(CdrError::Trailing {
+            offset: 76,
+            extra: 8
+        })
+    );
 }
 
 fn text() -> impl Strategy<Value = String> {
@@ -170,8 +226,10 @@ fn text() -> impl Strategy<Value = String> {
 }
 
 fn any_header() -> impl Strategy<Value = Header> {
-    (any::<i32>(), 0..1_000_000_000_u32, text())
-        .prop_map(|(sec, nanosec, frame_id)| Header { stamp: Time { sec, nanosec }, frame_id })
+    (any::<i32>(), 0..1_000_000_000_u32, text()).prop_map(|(sec, nanosec, frame_id)| Header {
+        stamp: Time { sec, nanosec },
+        frame_id,
+    })
 }
 
 fn floats() -> impl Strategy<Value = Vec<f64>> {
@@ -207,7 +265,11 @@ fn assert_round_trip<M: Message + PartialEq + std::fmt::Debug>(message: &M) {
     message.encode(&mut bytes);
     assert_eq!(&M::decode(&bytes).unwrap(), message);
     for end in 0..bytes.len() {
-        assert!(M::decode(&bytes[..end]).is_err(), "the first {end} of {} bytes", bytes.len());
+        assert!(
+            M::decode(&bytes[..end]).is_err(),
+            "the first {end} of {} bytes",
+            bytes.len()
+        );
     }
 }
 

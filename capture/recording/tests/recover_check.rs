@@ -9,7 +9,9 @@ use ft_recording::message::WrenchStamped;
 use ft_recording::qos::Qos;
 use ft_recording::reader::{Record, RecordReader};
 use ft_recording::recover::recover;
-use ft_recording::writer::{Compression, MessageStamps, RecordingWriter, WriterOptions, partial_path};
+use ft_recording::writer::{
+    Compression, MessageStamps, RecordingWriter, WriterOptions, partial_path,
+};
 use ft_recording::{Message, ReadError, WriteError};
 use mcap::records::MessageHeader;
 
@@ -30,29 +32,49 @@ fn leftover(path: &std::path::Path, milliseconds: i64) {
 #[test]
 fn a_leftover_becomes_a_complete_recording() {
     let folder = tempfile::tempdir().unwrap();
-    let (source, out) = (folder.path().join("a.mcap.partial"), folder.path().join("a.mcap"));
+    let (source, out) = (
+        folder.path().join("a.mcap.partial"),
+        folder.path().join("a.mcap"),
+    );
     leftover(&source, 1050);
     let recovered = recover(&source, &out, false).unwrap();
     assert!(recovered.lost_data() && !recovered.was_complete);
     assert_eq!(recovered.damage.len(), 1);
-    assert!(recovered.damage[0].ends_with("the file ends without its summary (it was not finished)"));
+    assert!(
+        recovered.damage[0].ends_with("the file ends without its summary (it was not finished)")
+    );
     assert_eq!(recovered.unread_bytes, 0);
     let wrench = &recovered.topics["/ft/wrench"];
     assert_eq!((wrench.messages, wrench.missing_sequences), (1001, 0));
-    assert_eq!((wrench.first_ns, wrench.last_ns), (Some(at(0).as_nanos()), Some(at(1000).as_nanos())));
+    assert_eq!(
+        (wrench.first_ns, wrench.last_ns),
+        (Some(at(0).as_nanos()), Some(at(1000).as_nanos()))
+    );
     let last = recovered.last_message.clone().unwrap();
     assert_eq!(last.log_time_ns, at(1000).as_nanos() + 400_000);
     let (before, _) = read_messages(&fs::read(&source).unwrap());
     let (after, damage) = read_messages(&fs::read(&out).unwrap());
     assert_eq!(damage, Vec::<String>::new());
     let bare = |messages: Vec<recordings::Kept>| -> Vec<_> {
-        messages.into_iter().map(|kept| (kept.channel_id, kept.sequence, kept.log_time, kept.data)).collect()
+        messages
+            .into_iter()
+            .map(|kept| (kept.channel_id, kept.sequence, kept.log_time, kept.data))
+            .collect()
     };
     assert_eq!(bare(after), bare(before));
     let report = check(&out).unwrap();
     assert!(report.is_complete && report.profile == "ros2");
-    assert!(report.library.contains("(recovered; written by ft-capture "), "{}", report.library);
-    assert_eq!((report.calibration, report.session), (Presence::Present, Presence::Present));
+    assert!(
+        report
+            .library
+            .contains("(recovered; written by ft-capture "),
+        "{}",
+        report.library
+    );
+    assert_eq!(
+        (report.calibration, report.session),
+        (Presence::Present, Presence::Present)
+    );
     assert!(source.exists(), "the source stays");
 }
 
@@ -67,12 +89,25 @@ fn channels_schemas_metadata_and_attachments_are_carried_over() {
         .create(fs::File::create(&source).unwrap())
         .unwrap();
     let metadata = BTreeMap::from([("a".to_owned(), "b".to_owned())]);
-    writer.add_schema_with_id(77, "Thing", "jsonschema", b"{}").unwrap();
-    writer.add_channel_with_id(3, 77, "/thing", "json", &metadata).unwrap();
-    writer.add_channel_with_id(9, 0, "/silent", "json", &metadata).unwrap();
+    writer
+        .add_schema_with_id(77, "Thing", "jsonschema", b"{}")
+        .unwrap();
+    writer
+        .add_channel_with_id(3, 77, "/thing", "json", &metadata)
+        .unwrap();
+    writer
+        .add_channel_with_id(9, 0, "/silent", "json", &metadata)
+        .unwrap();
     for sequence in [5, 6, 8] {
-        let header = MessageHeader { channel_id: 3, sequence, log_time: 10, publish_time: 9 };
-        writer.write_to_known_channel(&header, b"{\"x\": 1}").unwrap();
+        let header = MessageHeader {
+            channel_id: 3,
+            sequence,
+            log_time: 10,
+            publish_time: 9,
+        };
+        writer
+            .write_to_known_channel(&header, b"{\"x\": 1}")
+            .unwrap();
     }
     let attachment = mcap::Attachment {
         log_time: 1,
@@ -82,23 +117,36 @@ fn channels_schemas_metadata_and_attachments_are_carried_over() {
         data: vec![1, 2, 3].into(),
     };
     writer.attach(&attachment).unwrap();
-    writer.write_metadata(&mcap::records::Metadata { name: "note".to_owned(), metadata: metadata.clone() }).unwrap();
+    writer
+        .write_metadata(&mcap::records::Metadata {
+            name: "note".to_owned(),
+            metadata: metadata.clone(),
+        })
+        .unwrap();
     writer.finish().unwrap();
     drop(writer);
     let recovered = recover(&source, &out, false).unwrap();
     assert!(recovered.was_complete && !recovered.lost_data());
     assert_eq!(recovered.topics["/thing"].missing_sequences, 1);
-    assert_eq!((recovered.topics["/silent"].messages, recovered.attachments), (0, 1));
+    assert_eq!(
+        (recovered.topics["/silent"].messages, recovered.attachments),
+        (0, 1)
+    );
 
     let records = |path| {
         let mut reader = RecordReader::open(path).unwrap();
         let mut kept = Vec::new();
         while let Some(record) = reader.next_record().unwrap() {
             match record {
-                Record::Schema(_) | Record::Channel(_) | Record::Message(_) | Record::Attachment(_) => {
+                Record::Schema(_)
+                | Record::Channel(_)
+                | Record::Message(_)
+                | Record::Attachment(_) => {
                     kept.push(format!("{record:?}"));
                 }
-                Record::Metadata { ref name, .. } if name == "note" => kept.push(format!("{record:?}")),
+                Record::Metadata { ref name, .. } if name == "note" => {
+                    kept.push(format!("{record:?}"))
+                }
                 _ => {}
             }
         }
@@ -110,7 +158,12 @@ fn channels_schemas_metadata_and_attachments_are_carried_over() {
         reader.next_record().unwrap(),
         Some(Record::Header {
             profile: "mine".to_owned(),
-            library: concat!("ft-capture ", env!("CARGO_PKG_VERSION"), " (recovered; written by other 1.0)").to_owned()
+            library: concat!(
+                "ft-capture ",
+                env!("CARGO_PKG_VERSION"),
+                " (recovered; written by other 1.0)"
+            )
+            .to_owned()
         })
     );
 }
@@ -118,19 +171,30 @@ fn channels_schemas_metadata_and_attachments_are_carried_over() {
 #[test]
 fn recovery_overwrites_nothing_unasked_and_leaves_no_litter() {
     let folder = tempfile::tempdir().unwrap();
-    let (source, out) = (folder.path().join("a.mcap.partial"), folder.path().join("a.mcap"));
+    let (source, out) = (
+        folder.path().join("a.mcap.partial"),
+        folder.path().join("a.mcap"),
+    );
     leftover(&source, 200);
     fs::write(&out, "precious").unwrap();
     let refused = recover(&source, &out, false).unwrap_err();
-    assert!(matches!(refused, ReadError::Write(WriteError::Exists { .. })));
+    assert!(matches!(
+        refused,
+        ReadError::Write(WriteError::Exists { .. })
+    ));
     assert_eq!(fs::read(&out).unwrap(), b"precious");
     recover(&source, &out, true).unwrap();
     assert!(check(&out).unwrap().is_complete);
     fs::write(&source, "no recording").unwrap();
-    assert!(matches!(recover(&source, &out, true), Err(ReadError::NotMcap { .. })));
+    assert!(matches!(
+        recover(&source, &out, true),
+        Err(ReadError::NotMcap { .. })
+    ));
     assert!(check(&out).unwrap().is_complete, "the earlier result stays");
-    let mut names: Vec<_> =
-        fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let mut names: Vec<_> = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
     names.sort();
     assert_eq!(names, ["a.mcap", "a.mcap.partial", "other.mcap"]);
 }
@@ -141,14 +205,22 @@ fn a_recording_that_is_being_written_is_left_alone() {
     let path = folder.path().join("a.mcap");
     let writer = RecordingWriter::create(&path, &WriterOptions::default()).unwrap();
     let error = recover(&partial_path(&path), &folder.path().join("b.mcap"), false).unwrap_err();
-    assert!(error.to_string().ends_with("is still being written: stop the recording first"), "{error}");
+    assert!(
+        error
+            .to_string()
+            .ends_with("is still being written: stop the recording first"),
+        "{error}"
+    );
     writer.finish().unwrap();
 }
 
 #[test]
 fn the_summary_of_a_recovery_says_how_much_is_missing() {
     let folder = tempfile::tempdir().unwrap();
-    let (source, out) = (folder.path().join("a.mcap.partial"), folder.path().join("a.mcap"));
+    let (source, out) = (
+        folder.path().join("a.mcap.partial"),
+        folder.path().join("a.mcap"),
+    );
     leftover(&source, 1050);
     let bytes = fs::read(&source).unwrap();
     let mut damaged = bytes[..bytes.len() - 100].to_vec();
@@ -162,7 +234,11 @@ fn the_summary_of_a_recovery_says_how_much_is_missing() {
     assert!(text.contains("MISSING inside"), "{text}");
     assert!(text.contains("last message: /"), "{text}");
     assert!(text.contains("nothing is known after it"), "{text}");
-    assert!(serde_json::to_string(&recovered).unwrap().contains("\"missing_sequences\":"));
+    assert!(
+        serde_json::to_string(&recovered)
+            .unwrap()
+            .contains("\"missing_sequences\":")
+    );
 }
 
 #[test]
@@ -171,18 +247,36 @@ fn a_whole_recording_is_fine() {
     let path = folder.path().join("a.mcap");
     write_recording(&path, Compression::Zstd, 2000);
     let report = check(&path).unwrap();
-    assert_eq!((report.verdict, report.reasons.clone()), (Verdict::Fine, Vec::new()));
-    assert_eq!((report.duration_s, report.start_ns), (1.999, Some(at(0).as_nanos())));
+    assert_eq!(
+        (report.verdict, report.reasons.clone()),
+        (Verdict::Fine, Vec::new())
+    );
+    assert_eq!(
+        (report.duration_s, report.start_ns),
+        (1.999, Some(at(0).as_nanos()))
+    );
     let wrench = &report.topics["/ft/wrench"];
     assert_eq!((wrench.messages, wrench.rate_hz), (2000, Some(1000.0)));
-    assert_eq!((wrench.interval_median_s, wrench.interval_p99_s), (Some(0.001), Some(0.001)));
-    assert_eq!((wrench.holes, wrench.duplicates, wrench.missing_sequences), (0, 0, 0));
-    assert_eq!((wrench.starts_after_s, wrench.ends_before_s), (Some(0.0), Some(0.0)));
+    assert_eq!(
+        (wrench.interval_median_s, wrench.interval_p99_s),
+        (Some(0.001), Some(0.001))
+    );
+    assert_eq!(
+        (wrench.holes, wrench.duplicates, wrench.missing_sequences),
+        (0, 0, 0)
+    );
+    assert_eq!(
+        (wrench.starts_after_s, wrench.ends_before_s),
+        (Some(0.0), Some(0.0))
+    );
     let gripper = &report.topics["/gripper/joint_states"];
     assert!((gripper.ends_before_s.unwrap() - 0.009).abs() < 1e-9);
     assert!(report.ledger.contains_key("ft_sensor"));
     let text = report.to_string();
-    assert!(text.ends_with("fine: complete, and nothing is known to be missing"), "{text}");
+    assert!(
+        text.ends_with("fine: complete, and nothing is known to be missing"),
+        "{text}"
+    );
     let json: serde_json::Value = serde_json::to_value(&report).unwrap();
     assert_eq!(json["verdict"], "fine");
     assert_eq!(json["topics"]["/ft/wrench"]["rate_hz"], 1000.0);
@@ -193,24 +287,57 @@ fn losses_are_found_and_counted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut writer = RecordingWriter::create(&path, &WriterOptions::default()).unwrap();
-    let channel = writer.add_channel::<WrenchStamped>("/ft/wrench", Qos::SENSOR).unwrap();
+    let channel = writer
+        .add_channel::<WrenchStamped>("/ft/wrench", Qos::SENSOR)
+        .unwrap();
     let mut numbers = Numbers(1);
     let mut bytes = Vec::new();
-    let samples: Vec<_> = (0..40).map(|millisecond| wrench(millisecond, &mut numbers)).collect();
+    let samples: Vec<_> = (0..40)
+        .map(|millisecond| wrench(millisecond, &mut numbers))
+        .collect();
     // 10..20 never came, 25 came twice, 31 after 32, 35 before it was true.
-    let order = (0..10).chain(20..26).chain([25]).chain(26..31).chain([32, 31]).chain(33..40);
+    let order = (0..10)
+        .chain(20..26)
+        .chain([25])
+        .chain(26..31)
+        .chain([32, 31])
+        .chain(33..40);
     for millisecond in order {
         samples[millisecond as usize].encode(&mut bytes);
         let log_time = at(if millisecond == 35 { 34 } else { millisecond });
-        writer.write(channel, MessageStamps { log_time, publish_time: at(millisecond) }, &bytes).unwrap();
+        writer
+            .write(
+                channel,
+                MessageStamps {
+                    log_time,
+                    publish_time: at(millisecond),
+                },
+                &bytes,
+            )
+            .unwrap();
     }
     let counts = r#"{"received":30,"gaps":10,"drops":0,"duplicated":1}"#;
-    writer.write_metadata("ft.ledger", &BTreeMap::from([("ft".to_owned(), counts.to_owned())])).unwrap();
-    writer.write_metadata("ft.calibration", &BTreeMap::new()).unwrap();
+    writer
+        .write_metadata(
+            "ft.ledger",
+            &BTreeMap::from([("ft".to_owned(), counts.to_owned())]),
+        )
+        .unwrap();
+    writer
+        .write_metadata("ft.calibration", &BTreeMap::new())
+        .unwrap();
     writer.finish().unwrap();
     let report = check(&path).unwrap();
     let wrench = &report.topics["/ft/wrench"];
-    assert_eq!((wrench.holes, wrench.duplicates, wrench.out_of_order, wrench.after_arrival), (1, 1, 1, 1));
+    assert_eq!(
+        (
+            wrench.holes,
+            wrench.duplicates,
+            wrench.out_of_order,
+            wrench.after_arrival
+        ),
+        (1, 1, 1, 1)
+    );
     assert!((wrench.longest_interval_s.unwrap() - 0.011).abs() < 1e-12);
     assert_eq!(report.verdict, Verdict::Unusable);
     assert_eq!(
@@ -224,7 +351,11 @@ fn losses_are_found_and_counted() {
             "ft.calibration: has no key \"json\"",
         ]
     );
-    assert!(report.to_string().contains("not usable for identification: neither /tcp/pose nor /aria/pose; "));
+    assert!(
+        report
+            .to_string()
+            .contains("not usable for identification: neither /tcp/pose nor /aria/pose; ")
+    );
 }
 
 #[test]
@@ -237,5 +368,10 @@ fn a_cut_recording_is_usable_but_not_whole() {
     let report = check(&path).unwrap();
     assert!(!report.is_complete && report.lost_data());
     assert_eq!((report.verdict, report.damage.len()), (Verdict::Lossy, 1));
-    assert!(report.to_string().contains("usable, but not whole: at byte "), "{report}");
+    assert!(
+        report
+            .to_string()
+            .contains("usable, but not whole: at byte "),
+        "{report}"
+    );
 }

@@ -8,7 +8,9 @@ use std::time::Duration;
 use ft_recording::message::{Message, PoseStamped, Text, WrenchStamped};
 use ft_recording::qos::Qos;
 use ft_recording::reader::{Record, RecordReader};
-use ft_recording::writer::{Compression, MessageStamps, RecordingWriter, WriteError, WriterOptions, partial_path};
+use ft_recording::writer::{
+    Compression, MessageStamps, RecordingWriter, WriteError, WriterOptions, partial_path,
+};
 use ft_wire::HostTime;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -19,7 +21,10 @@ mod recordings;
 use recordings::{at, options, read_messages};
 
 fn now(milliseconds: i64) -> MessageStamps {
-    MessageStamps { log_time: at(milliseconds), publish_time: at(milliseconds) }
+    MessageStamps {
+        log_time: at(milliseconds),
+        publish_time: at(milliseconds),
+    }
 }
 
 #[test]
@@ -33,7 +38,10 @@ fn the_file_has_its_name_only_when_it_is_finished() {
     let finished = writer.finish().unwrap();
     assert!(path.exists() && !partial_path(&path).exists());
     assert_eq!(finished.bytes, fs::metadata(&path).unwrap().len());
-    assert_eq!(finished.messages, BTreeMap::from([("/raw/x".to_owned(), 1)]));
+    assert_eq!(
+        finished.messages,
+        BTreeMap::from([("/raw/x".to_owned(), 1)])
+    );
     assert_eq!(finished.path, path);
 }
 
@@ -44,8 +52,15 @@ fn an_existing_file_is_replaced_only_when_asked_and_only_at_the_end() {
     fs::write(&path, "precious").unwrap();
     let refused = RecordingWriter::create(&path, &WriterOptions::default()).unwrap_err();
     assert!(matches!(refused, WriteError::Exists { .. }));
-    assert!(refused.to_string().ends_with("exists already: choose another name, or allow overwriting with --force"));
-    let force = WriterOptions { overwrite: true, ..WriterOptions::default() };
+    assert!(
+        refused
+            .to_string()
+            .ends_with("exists already: choose another name, or allow overwriting with --force")
+    );
+    let force = WriterOptions {
+        overwrite: true,
+        ..WriterOptions::default()
+    };
     let writer = RecordingWriter::create(&path, &force).unwrap();
     assert_eq!(fs::read(&path).unwrap(), b"precious");
     writer.finish().unwrap();
@@ -56,22 +71,44 @@ fn an_existing_file_is_replaced_only_when_asked_and_only_at_the_end() {
 fn the_leftover_of_a_crash_is_not_overwritten_unasked() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    fs::write(partial_path(&path), "leftover, and longer than what replaces it".repeat(1000)).unwrap();
+    fs::write(
+        partial_path(&path),
+        "leftover, and longer than what replaces it".repeat(1000),
+    )
+    .unwrap();
     let refused = RecordingWriter::create(&path, &WriterOptions::default()).unwrap_err();
     assert!(matches!(refused, WriteError::Leftover { .. }));
-    assert!(refused.to_string().contains("ft-capture recover"), "{refused}");
-    let force = WriterOptions { overwrite: true, ..WriterOptions::default() };
-    RecordingWriter::create(&path, &force).unwrap().finish().unwrap();
-    assert_eq!(read_messages(&fs::read(&path).unwrap()).1, Vec::<String>::new());
+    assert!(
+        refused.to_string().contains("ft-capture recover"),
+        "{refused}"
+    );
+    let force = WriterOptions {
+        overwrite: true,
+        ..WriterOptions::default()
+    };
+    RecordingWriter::create(&path, &force)
+        .unwrap()
+        .finish()
+        .unwrap();
+    assert_eq!(
+        read_messages(&fs::read(&path).unwrap()).1,
+        Vec::<String>::new()
+    );
 }
 
 #[test]
 fn two_writers_of_one_recording_are_one_too_many() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let force = WriterOptions { overwrite: true, ..WriterOptions::default() };
+    let force = WriterOptions {
+        overwrite: true,
+        ..WriterOptions::default()
+    };
     let first = RecordingWriter::create(&path, &force).unwrap();
-    assert!(matches!(RecordingWriter::create(&path, &force), Err(WriteError::Busy { .. })));
+    assert!(matches!(
+        RecordingWriter::create(&path, &force),
+        Err(WriteError::Busy { .. })
+    ));
     first.finish().unwrap();
 }
 
@@ -88,8 +125,15 @@ fn a_name_taken_meanwhile_is_not_overwritten() {
 
 #[test]
 fn a_folder_that_is_not_there_is_named() {
-    let error = RecordingWriter::create("/no/such/folder/a.mcap".as_ref(), &WriterOptions::default()).unwrap_err();
-    assert!(error.to_string().starts_with("cannot create /no/such/folder/a.mcap.partial: No such file"), "{error}");
+    let error =
+        RecordingWriter::create("/no/such/folder/a.mcap".as_ref(), &WriterOptions::default())
+            .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .starts_with("cannot create /no/such/folder/a.mcap.partial: No such file"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -101,26 +145,49 @@ fn wrong_use_is_refused_and_harms_nothing() {
         RecordingWriter::create(&folder.path().join("b.mcap"), &WriterOptions::default()).unwrap();
     let channel = other.add_raw_channel("/raw/x").unwrap();
     let unknown = writer.write(channel, now(0), b"").unwrap_err();
-    assert_eq!(unknown.to_string(), "channel 0 is not one of the 0 of this recording");
+    assert_eq!(
+        unknown.to_string(),
+        "channel 0 is not one of the 0 of this recording"
+    );
     let channel = writer.add_channel::<Text>("/marks", Qos::RELIABLE).unwrap();
-    let twice = writer.add_channel::<Text>("/marks", Qos::RELIABLE).unwrap_err();
+    let twice = writer
+        .add_channel::<Text>("/marks", Qos::RELIABLE)
+        .unwrap_err();
     assert_eq!(twice.to_string(), "topic /marks has a channel already");
-    let ancient = MessageStamps { log_time: HostTime::from_nanos(-1), publish_time: HostTime::EPOCH };
-    assert!(matches!(writer.write(channel, ancient, b""), Err(WriteError::BeforeEpoch { nanos: -1 })));
-    writer.write(channel, now(0), &[0, 1, 0, 0, 1, 0, 0, 0, 0]).unwrap();
-    assert_eq!(writer.finish().unwrap().messages, BTreeMap::from([("/marks".to_owned(), 1)]));
+    let ancient = MessageStamps {
+        log_time: HostTime::from_nanos(-1),
+        publish_time: HostTime::EPOCH,
+    };
+    assert!(matches!(
+        writer.write(channel, ancient, b""),
+        Err(WriteError::BeforeEpoch { nanos: -1 })
+    ));
+    writer
+        .write(channel, now(0), &[0, 1, 0, 0, 1, 0, 0, 0, 0])
+        .unwrap();
+    assert_eq!(
+        writer.finish().unwrap().messages,
+        BTreeMap::from([("/marks".to_owned(), 1)])
+    );
 }
 
 #[test]
 fn a_flush_is_due_after_its_period_and_needs_no_new_message() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let period = WriterOptions { flush_period: Duration::from_millis(100), ..WriterOptions::default() };
+    let period = WriterOptions {
+        flush_period: Duration::from_millis(100),
+        ..WriterOptions::default()
+    };
     let mut writer = RecordingWriter::create(&path, &period).unwrap();
     let channel = writer.add_raw_channel("/raw/x").unwrap();
     writer.flush_if_due(at(0)).unwrap();
     writer.write(channel, now(0), b"frame").unwrap();
-    let count = || read_messages(&fs::read(partial_path(&path)).unwrap()).0.len();
+    let count = || {
+        read_messages(&fs::read(partial_path(&path)).unwrap())
+            .0
+            .len()
+    };
     writer.flush_if_due(at(99)).unwrap();
     assert_eq!(count(), 0);
     writer.flush_if_due(at(100)).unwrap();
@@ -133,7 +200,10 @@ fn a_flush_is_due_after_its_period_and_needs_no_new_message() {
     assert_eq!(count(), 1);
     writer.flush_if_due(at(400)).unwrap();
     assert_eq!(count(), 2);
-    assert_eq!(writer.bytes_written(), fs::metadata(partial_path(&path)).unwrap().len());
+    assert_eq!(
+        writer.bytes_written(),
+        fs::metadata(partial_path(&path)).unwrap().len()
+    );
     writer.sync_handle().unwrap().sync_data().unwrap();
 }
 
@@ -155,7 +225,9 @@ fn the_header_and_the_channels_say_what_ros_tools_want_to_know() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut writer = RecordingWriter::create(&path, &options(Compression::None)).unwrap();
-    writer.add_channel::<PoseStamped>("/aria/pose", Qos::SENSOR).unwrap();
+    writer
+        .add_channel::<PoseStamped>("/aria/pose", Qos::SENSOR)
+        .unwrap();
     writer.add_raw_channel("/raw/x").unwrap();
     writer.finish().unwrap();
     let mut reader = RecordReader::open(&path).unwrap();
@@ -167,18 +239,29 @@ fn the_header_and_the_channels_say_what_ros_tools_want_to_know() {
                 assert!(library.starts_with("ft-capture "));
             }
             Record::Schema(schema) => {
-                assert_eq!((schema.name.as_str(), schema.encoding.as_str()), (PoseStamped::TYPE_NAME, "ros2msg"));
+                assert_eq!(
+                    (schema.name.as_str(), schema.encoding.as_str()),
+                    (PoseStamped::TYPE_NAME, "ros2msg")
+                );
                 assert_eq!(schema.data, PoseStamped::DEFINITION.as_bytes());
             }
             Record::Channel(channel) if channel.topic == "/aria/pose" => {
                 assert_eq!(channel.message_encoding, "cdr");
                 assert_eq!(channel.metadata["topic_type_hash"], PoseStamped::TYPE_HASH);
                 let qos = &channel.metadata["offered_qos_profiles"];
-                assert!(qos.starts_with("- history: keep_last\n  depth: 10\n  reliability: best_effort\n"), "{qos}");
+                assert!(
+                    qos.starts_with(
+                        "- history: keep_last\n  depth: 10\n  reliability: best_effort\n"
+                    ),
+                    "{qos}"
+                );
                 seen += 1;
             }
             Record::Channel(channel) => {
-                assert_eq!((channel.schema_id, channel.message_encoding.as_str()), (0, "application/octet-stream"));
+                assert_eq!(
+                    (channel.schema_id, channel.message_encoding.as_str()),
+                    (0, "application/octet-stream")
+                );
                 seen += 1;
             }
             _ => {}

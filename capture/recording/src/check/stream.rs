@@ -79,7 +79,8 @@ impl Stream {
     }
 
     pub(super) fn add_channel(&mut self, id: u16, counts_from_one: bool) {
-        self.sequences.insert(id, Sequences::starting_at(u32::from(counts_from_one)));
+        self.sequences
+            .insert(id, Sequences::starting_at(u32::from(counts_from_one)));
     }
 
     pub(super) fn add(&mut self, message: RawMessage<'_>) {
@@ -87,7 +88,11 @@ impl Stream {
             sequences.add(message.sequence);
         }
         let time = |nanos| i64::try_from(nanos).map_or(HostTime::FAR_FUTURE, HostTime::from_nanos);
-        let decoded = if self.encoding == "cdr" { header_stamp(&self.kind, message.data) } else { None };
+        let decoded = if self.encoding == "cdr" {
+            header_stamp(&self.kind, message.data)
+        } else {
+            None
+        };
         let at = match decoded {
             Some(Ok(stamp)) => stamp,
             Some(Err(_)) => {
@@ -116,9 +121,18 @@ impl Stream {
         let mut intervals: Vec<f64> = neighbours().map(|(a, b)| b.0.seconds_since(a.0)).collect();
         intervals.sort_unstable_by(f64::total_cmp);
         let median = percentile(&intervals, 50);
-        let hole = median.map(|median| HOLE_INTERVALS * median).filter(|hole| *hole > 0.0);
-        let holes = hole.map_or(0, |hole| intervals.iter().filter(|interval| **interval > hole).count() as u64);
-        let covered = span.map(|(first, last)| last.seconds_since(first)).filter(|covered| *covered > 0.0);
+        let hole = median
+            .map(|median| HOLE_INTERVALS * median)
+            .filter(|hole| *hole > 0.0);
+        let holes = hole.map_or(0, |hole| {
+            intervals
+                .iter()
+                .filter(|interval| **interval > hole)
+                .count() as u64
+        });
+        let covered = span
+            .map(|(first, last)| last.seconds_since(first))
+            .filter(|covered| *covered > 0.0);
         TopicReport {
             kind: self.kind,
             encoding: self.encoding,
@@ -135,13 +149,19 @@ impl Stream {
             duplicates,
             out_of_order: self.out_of_order,
             after_arrival: self.after_arrival,
-            starts_after_s: span.zip(whole).map(|(span, whole)| span.0.seconds_since(whole.0)),
-            ends_before_s: span.zip(whole).map(|(span, whole)| whole.1.seconds_since(span.1)),
+            starts_after_s: span
+                .zip(whole)
+                .map(|(span, whole)| span.0.seconds_since(whole.0)),
+            ends_before_s: span
+                .zip(whole)
+                .map(|(span, whole)| whole.1.seconds_since(span.1)),
         }
     }
 }
 
 /// The value below which `percent` of the sorted values lie; `None` when there are none.
 fn percentile(sorted: &[f64], percent: usize) -> Option<f64> {
-    sorted.get((sorted.len() * percent / 100).min(sorted.len().saturating_sub(1))).copied()
+    sorted
+        .get((sorted.len() * percent / 100).min(sorted.len().saturating_sub(1)))
+        .copied()
 }

@@ -1,5 +1,6 @@
 //! What is wrong with a file, and where.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use super::record::opcode_name;
@@ -73,19 +74,20 @@ pub enum DamageKind {
         /// Of what is there.
         calculated: u32,
     },
-    /// Messages refer to a channel that is not there. They are left out.
-    UnknownChannel {
-        /// The channel's number.
-        channel_id: u16,
-    },
 }
 
 impl fmt::Display for Damage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "at byte {}: ", self.offset)?;
         match &self.kind {
-            DamageKind::Unfinished => f.write_str("the file ends without its summary (it was not finished)"),
-            DamageKind::Truncated { opcode, left, messages } => write!(
+            DamageKind::Unfinished => {
+                f.write_str("the file ends without its summary (it was not finished)")
+            }
+            DamageKind::Truncated {
+                opcode,
+                left,
+                messages,
+            } => write!(
                 f,
                 "the file ends inside a {} record ({left} bytes of it are there, {messages} whole messages in them)",
                 opcode_name(*opcode)
@@ -95,7 +97,11 @@ impl fmt::Display for Damage {
                 f,
                 "chunk content has CRC {calculated:#010x}, expected {saved:#010x}; its messages are left out"
             ),
-            DamageKind::ChunkContent { compression, expected, got } => write!(
+            DamageKind::ChunkContent {
+                compression,
+                expected,
+                got,
+            } => write!(
                 f,
                 "chunk (\"{compression}\") unpacks to {got} bytes, expected {expected}; its messages are left out"
             ),
@@ -104,18 +110,43 @@ impl fmt::Display for Damage {
                 "chunk is packed with \"{name}\", only zstd, lz4 and none are read; its messages are left out"
             ),
             DamageKind::TooLarge { opcode, length } => {
-                write!(f, "{} record of {length} bytes is left out, the limit is 1 GiB", opcode_name(*opcode))
+                write!(
+                    f,
+                    "{} record of {length} bytes is left out, the limit is 1 GiB",
+                    opcode_name(*opcode)
+                )
             }
             DamageKind::Unreadable { opcode } => {
-                write!(f, "{} record contradicts itself and is left out", opcode_name(*opcode))
+                write!(
+                    f,
+                    "{} record contradicts itself and is left out",
+                    opcode_name(*opcode)
+                )
             }
             DamageKind::DataCrc { saved, calculated } => write!(
                 f,
                 "the file up to here has CRC {calculated:#010x}, expected {saved:#010x}: it was altered"
             ),
-            DamageKind::UnknownChannel { channel_id } => {
-                write!(f, "messages of channel {channel_id}, which is not described, are left out")
-            }
         }
+    }
+}
+
+/// Messages that were left out because their channel is not described, by channel.
+#[derive(Debug, Default)]
+pub(crate) struct UnknownChannels(BTreeMap<u16, u64>);
+
+impl UnknownChannels {
+    pub(crate) fn add(&mut self, channel_id: u16) {
+        *self.0.entry(channel_id).or_default() += 1;
+    }
+
+    /// `damage` and what was left out, one line each.
+    pub(crate) fn behind<'a>(&'a self, damage: &'a [Damage]) -> impl Iterator<Item = String> + 'a {
+        let left_out = self.0.iter().map(|(channel_id, messages)| {
+            format!(
+                "{messages} messages of channel {channel_id}, which is not described, are left out"
+            )
+        });
+        damage.iter().map(Damage::to_string).chain(left_out)
     }
 }

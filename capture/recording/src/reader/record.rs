@@ -143,7 +143,10 @@ impl<'a> Record<'a> {
     pub(crate) fn parse(opcode: u8, body: &'a [u8]) -> Option<Self> {
         let mut fields = Fields { rest: body };
         Some(match opcode {
-            HEADER => Self::Header { profile: fields.string()?, library: fields.string()? },
+            HEADER => Self::Header {
+                profile: fields.string()?,
+                library: fields.string()?,
+            },
             FOOTER => Self::Footer {
                 summary_start: fields.u64()?,
                 summary_offset_start: fields.u64()?,
@@ -170,8 +173,13 @@ impl<'a> Record<'a> {
                 data: fields.rest,
             }),
             ATTACHMENT => Self::Attachment(attachment(body)?),
-            METADATA => Self::Metadata { name: fields.string()?, entries: fields.map()? },
-            DATA_END => Self::DataEnd { data_section_crc: fields.u32()? },
+            METADATA => Self::Metadata {
+                name: fields.string()?,
+                entries: fields.map()?,
+            },
+            DATA_END => Self::DataEnd {
+                data_section_crc: fields.u32()?,
+            },
             _ => Self::Other { opcode, body },
         })
     }
@@ -214,10 +222,19 @@ impl ChunkHeader {
         fields.take(16)?;
         let uncompressed_size = fields.u64()?;
         let uncompressed_crc = fields.u32()?;
-        let compression = fields.str().filter(|name| name.len() <= Self::MAX_NAME)?.to_owned();
+        let compression = fields
+            .str()
+            .filter(|name| name.len() <= Self::MAX_NAME)?
+            .to_owned();
         let compressed_size = fields.u64()?;
         let length = u64::try_from(bytes.len() - fields.rest.len()).ok()?;
-        Some(Self { uncompressed_size, uncompressed_crc, compression, compressed_size, length })
+        Some(Self {
+            uncompressed_size,
+            uncompressed_crc,
+            compression,
+            compressed_size,
+            length,
+        })
     }
 }
 
@@ -265,7 +282,9 @@ impl<'a> Fields<'a> {
     }
 
     fn map(&mut self) -> Option<BTreeMap<String, String>> {
-        let mut inner = Self { rest: self.prefixed()? };
+        let mut inner = Self {
+            rest: self.prefixed()?,
+        };
         let mut map = BTreeMap::new();
         while !inner.rest.is_empty() {
             map.insert(inner.string()?, inner.string()?);

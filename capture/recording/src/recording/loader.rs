@@ -8,11 +8,15 @@ use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp};
 
 use super::pose::StaticTransforms;
 use super::track::Track;
-use super::{Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap, TrackedFrame};
+use super::{
+    Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap, TrackedFrame,
+};
 use crate::calibration::Calibration;
 use crate::error::{ReadError, TopicList};
-use crate::message::{JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped};
-use crate::reader::{Channel, Damage, RawMessage, Record, Schema};
+use crate::message::{
+    JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped,
+};
+use crate::reader::{Channel, Damage, RawMessage, Record, Schema, UnknownChannels};
 use crate::{metadata, topic};
 
 /// Name of the gripper's joint in `/gripper/joint_states`.
@@ -78,7 +82,7 @@ pub(super) struct Loader<'a> {
     transforms: StaticTransforms,
     calibration: Option<BTreeMap<String, String>>,
     session: BTreeMap<String, String>,
-    unknown_channels: BTreeMap<u16, u64>,
+    unknown: UnknownChannels,
 }
 
 impl<'a> Loader<'a> {
@@ -98,7 +102,7 @@ impl<'a> Loader<'a> {
             transforms: StaticTransforms::default(),
             calibration: None,
             session: BTreeMap::new(),
-            unknown_channels: BTreeMap::new(),
+            unknown: UnknownChannels::default(),
         }
     }
 
@@ -107,9 +111,13 @@ impl<'a> Loader<'a> {
             Record::Schema(schema) => {
                 self.schemas.entry(schema.id).or_insert(schema);
             }
-            Record::Channel(channel) if !self.routes.contains_key(&channel.id) => self.add_channel(channel),
+            Record::Channel(channel) if !self.routes.contains_key(&channel.id) => {
+                self.add_channel(channel)
+            }
             Record::Message(message) => self.add_message(message),
-            Record::Metadata { name, entries } if name == metadata::SESSION => self.session = entries,
+            Record::Metadata { name, entries } if name == metadata::SESSION => {
+                self.session = entries
+            }
             Record::Metadata { name, entries } if name == metadata::CALIBRATION => {
                 self.calibration = Some(entries);
             }
@@ -118,14 +126,30 @@ impl<'a> Loader<'a> {
     }
 
     fn add_channel(&mut self, channel: Channel) {
-        let type_name = self.schemas.get(&channel.schema_id).map_or("", |schema| &schema.name).to_owned();
-        let mut role = self.map.resolve(&channel.topic).map_or(Role::Other, Role::of);
-        let kind = if type_name.is_empty() { &channel.message_encoding } else { &type_name };
-        let health = TopicHealth { kind: kind.clone(), ..TopicHealth::default() };
+        let type_name = self
+            .schemas
+            .get(&channel.schema_id)
+            .map_or("", |schema| &schema.name)
+            .to_owned();
+        let mut role = self
+            .map
+            .resolve(&channel.topic)
+            .map_or(Role::Other, Role::of);
+        let kind = if type_name.is_empty() {
+            &channel.message_encoding
+        } else {
+            &type_name
+        };
+        let health = TopicHealth {
+            kind: kind.clone(),
+            ..TopicHealth::default()
+        };
         self.topics.entry(channel.topic.clone()).or_insert(health);
         let topic = channel.topic.clone();
         let id = channel.id;
-        if role != Role::Other && (channel.message_encoding != "cdr" || type_name != role.type_name()) {
+        if role != Role::Other
+            && (channel.message_encoding != "cdr" || type_name != role.type_name())
+        {
             self.foreign.push((role, channel, type_name));
             role = Role::Other;
         }
@@ -134,27 +158,35 @@ impl<'a> Loader<'a> {
 
     fn add_message(&mut self, message: RawMessage<'_>) {
         let Some(route) = self.routes.get(&message.channel_id) else {
-            *self.unknown_channels.entry(message.channel_id).or_default() += 1;
+            self.unknown.add(message.channel_id);
             return;
         };
-        let Some(health) = self.topics.get_mut(&route.topic) else { return };
+        let Some(health) = self.topics.get_mut(&route.topic) else {
+            return;
+        };
         health.messages += 1;
         let data = message.data;
         let decoded = match route.role {
             Role::Wrench => WrenchStamped::decode(data).map(|wrench| {
                 let value: [f64; 6] = wrench.wrench.into();
                 let finite = value.iter().all(|component| component.is_finite());
-                self.wrench.push(wrench.header.stamp.into(), finite.then_some(value), health);
+                self.wrench
+                    .push(wrench.header.stamp.into(), finite.then_some(value), health);
             }),
-            Role::TcpPose => PoseStamped::decode(data).map(|pose| push_pose(&mut self.tcp, &pose, health)),
-            Role::AriaPose => PoseStamped::decode(data).map(|pose| push_pose(&mut self.aria, &pose, health)),
+            Role::TcpPose => {
+                PoseStamped::decode(data).map(|pose| push_pose(&mut self.tcp, &pose, health))
+            }
+            Role::AriaPose => {
+                PoseStamped::decode(data).map(|pose| push_pose(&mut self.aria, &pose, health))
+            }
             Role::Gripper => JointState::decode(data).map(|joints| {
                 let width = gripper_width(&joints).filter(|width| width.is_finite());
                 self.gripper.push(joints.header.stamp.into(), width, health);
             }),
             Role::Temperature => Temperature::decode(data).map(|reading| {
                 let value = Some(reading.temperature).filter(|value| value.is_finite());
-                self.temperature.push(reading.header.stamp.into(), value, health);
+                self.temperature
+                    .push(reading.header.stamp.into(), value, health);
             }),
             Role::TfStatic => TFMessage::decode(data).map(|tf| {
                 for transform in &tf.transforms {
@@ -162,7 +194,8 @@ impl<'a> Loader<'a> {
                 }
             }),
             Role::Marks => Text::decode(data).map(|text| {
-                self.marks.push(host_time(message.publish_time), Some(text.data), health);
+                self.marks
+                    .push(host_time(message.publish_time), Some(text.data), health);
             }),
             Role::Other => Ok(()),
         };
@@ -170,8 +203,13 @@ impl<'a> Loader<'a> {
     }
 
     /// The recording, once all records were taken.
-    pub(super) fn finish(mut self, path: &Path, sha256: String, damage: &[Damage]) -> Result<Recording, ReadError> {
-        let truncated = self.describe(damage);
+    pub(super) fn finish(
+        mut self,
+        path: &Path,
+        sha256: String,
+        damage: &[Damage],
+    ) -> Result<Recording, ReadError> {
+        let truncated = describe_all(self.unknown.behind(damage));
         self.check_map(path, truncated.as_ref())?;
         let wrench = self.settle(Role::Wrench, |loader| &mut loader.wrench);
         let tcp = self.settle(Role::TcpPose, |loader| &mut loader.tcp);
@@ -183,11 +221,23 @@ impl<'a> Loader<'a> {
             return Err(self.missing(path, &[Role::Wrench], truncated));
         }
         let pose = match (tcp.is_empty(), aria.is_empty()) {
-            (false, _) => PoseTrack { frame: TrackedFrame::Tcp, samples: tcp },
-            (true, false) => PoseTrack { frame: TrackedFrame::AriaDevice, samples: aria },
-            (true, true) => return Err(self.missing(path, &[Role::TcpPose, Role::AriaPose], truncated)),
+            (false, _) => PoseTrack {
+                frame: TrackedFrame::Tcp,
+                samples: tcp,
+            },
+            (true, false) => PoseTrack {
+                frame: TrackedFrame::AriaDevice,
+                samples: aria,
+            },
+            (true, true) => {
+                return Err(self.missing(path, &[Role::TcpPose, Role::AriaPose], truncated));
+            }
         };
-        let calibration = self.calibration.as_ref().map(Calibration::from_metadata).transpose();
+        let calibration = self
+            .calibration
+            .as_ref()
+            .map(Calibration::from_metadata)
+            .transpose();
         let between = |to, from| self.transforms.between(to, from).unwrap_or(Pose7::IDENTITY);
         Ok(Recording {
             path: path.to_owned(),
@@ -199,10 +249,15 @@ impl<'a> Loader<'a> {
             aria_device_from_tcp: between(AriaDevice::NAME, Tcp::NAME),
             tcp_from_ft_sensor: between(Tcp::NAME, FtSensor::NAME),
             marks,
-            calibration: calibration
-                .map_err(|source| ReadError::Calibration { path: path.to_owned(), source })?,
+            calibration: calibration.map_err(|source| ReadError::Calibration {
+                path: path.to_owned(),
+                source,
+            })?,
             session: self.session,
-            health: ReadHealth { topics: self.topics, truncated },
+            health: ReadHealth {
+                topics: self.topics,
+                truncated,
+            },
         })
     }
 
@@ -213,7 +268,11 @@ impl<'a> Loader<'a> {
         track: impl FnOnce(&mut Self) -> &mut Track<T>,
     ) -> Vec<Stamped<T>> {
         let settled = std::mem::take(track(self)).settle();
-        let topic = self.routes.values().find(|route| route.role == role).map(|route| &route.topic);
+        let topic = self
+            .routes
+            .values()
+            .find(|route| route.role == role)
+            .map(|route| &route.topic);
         if let Some(health) = topic.and_then(|topic| self.topics.get_mut(topic)) {
             health.duplicates += settled.duplicates;
             health.repeated_stamps += settled.repeated_stamps;
@@ -221,15 +280,12 @@ impl<'a> Loader<'a> {
         settled.samples
     }
 
-    fn describe(&self, damage: &[Damage]) -> Option<String> {
-        let unknown = self.unknown_channels.iter().map(|(channel_id, messages)| {
-            format!("{messages} messages of channel {channel_id}, which is not described, are left out")
-        });
-        describe_all(damage.iter().map(Damage::to_string).chain(unknown))
-    }
-
     fn check_map(&self, path: &Path, truncated: Option<&String>) -> Result<(), ReadError> {
-        match self.map.sources().find(|source| !self.topics.contains_key(*source)) {
+        match self
+            .map
+            .sources()
+            .find(|source| !self.topics.contains_key(*source))
+        {
             None => Ok(()),
             Some(topic) => Err(ReadError::MapFrom {
                 path: path.to_owned(),
@@ -241,24 +297,46 @@ impl<'a> Loader<'a> {
 
     fn topic_list(&self, damage: Option<String>) -> TopicList {
         let topics = self.topics.iter();
-        let topics = topics.map(|(topic, health)| (topic.clone(), health.kind.clone(), health.messages));
-        TopicList { topics: topics.collect(), damage }
+        let topics =
+            topics.map(|(topic, health)| (topic.clone(), health.kind.clone(), health.messages));
+        TopicList {
+            topics: topics.collect(),
+            damage,
+        }
     }
 
     /// Why there is nothing for any of `roles`: foreign messages, unusable messages, or no topic at all.
     fn missing(&self, path: &Path, roles: &[Role], damage: Option<String>) -> ReadError {
         let path = path.to_owned();
-        if let Some((role, channel, type_name)) = self.foreign.iter().find(|(role, ..)| roles.contains(role)) {
+        if let Some((role, channel, type_name)) =
+            self.foreign.iter().find(|(role, ..)| roles.contains(role))
+        {
             let topic = channel.topic.clone();
             return match channel.message_encoding.as_str() {
                 "cdr" => {
-                    let got = if type_name.is_empty() { "(no schema)".to_owned() } else { type_name.clone() };
-                    ReadError::WrongType { path, topic, got, expected: role.type_name() }
+                    let got = if type_name.is_empty() {
+                        "(no schema)".to_owned()
+                    } else {
+                        type_name.clone()
+                    };
+                    ReadError::WrongType {
+                        path,
+                        topic,
+                        got,
+                        expected: role.type_name(),
+                    }
                 }
-                encoding => ReadError::ForeignEncoding { path, topic, encoding: encoding.to_owned() },
+                encoding => ReadError::ForeignEncoding {
+                    path,
+                    topic,
+                    encoding: encoding.to_owned(),
+                },
             };
         }
-        let route = self.routes.values().find(|route| roles.contains(&route.role));
+        let route = self
+            .routes
+            .values()
+            .find(|route| roles.contains(&route.role));
         let used = route.and_then(|route| Some((route, self.topics.get(&route.topic)?)));
         if let Some((route, health)) = used.filter(|(_, health)| health.messages > 0) {
             return ReadError::NothingUsable {
@@ -270,15 +348,29 @@ impl<'a> Loader<'a> {
             };
         }
         let (needed, map_to) = match roles {
-            [Role::Wrench] => ("/ft/wrench (geometry_msgs/msg/WrenchStamped)", topic::WRENCH),
-            _ => ("/tcp/pose and no /aria/pose (geometry_msgs/msg/PoseStamped)", topic::TCP_POSE),
+            [Role::Wrench] => (
+                "/ft/wrench (geometry_msgs/msg/WrenchStamped)",
+                topic::WRENCH,
+            ),
+            _ => (
+                "/tcp/pose and no /aria/pose (geometry_msgs/msg/PoseStamped)",
+                topic::TCP_POSE,
+            ),
         };
-        ReadError::MissingTopic { path, needed, map_to, topics: self.topic_list(damage) }
+        ReadError::MissingTopic {
+            path,
+            needed,
+            map_to,
+            topics: self.topic_list(damage),
+        }
     }
 }
 
 fn push_pose(track: &mut Track<Pose7>, message: &PoseStamped, health: &mut TopicHealth) {
-    let pose = Pose7::normalised(message.pose.position.into(), message.pose.orientation.into());
+    let pose = Pose7::normalised(
+        message.pose.position.into(),
+        message.pose.orientation.into(),
+    );
     track.push(message.header.stamp.into(), pose, health);
 }
 

@@ -15,7 +15,10 @@ pub struct Pose7 {
 
 impl Pose7 {
     /// Frames that coincide.
-    pub const IDENTITY: Self = Self { position: [0.0; 3], quaternion: [0.0, 0.0, 0.0, 1.0] };
+    pub const IDENTITY: Self = Self {
+        position: [0.0; 3],
+        quaternion: [0.0, 0.0, 0.0, 1.0],
+    };
 
     /// A pose with its quaternion (x y z w) brought to length 1; `None` when a number is not finite or the quaternion's
     /// length is not within 0.5 and 2, so that it is no rotation.
@@ -23,7 +26,10 @@ impl Pose7 {
     pub fn normalised(position: [f64; 3], quaternion: [f64; 4]) -> Option<Self> {
         let length = quaternion.iter().map(|q| q * q).sum::<f64>().sqrt();
         let usable = position.iter().all(|p| p.is_finite()) && (0.5..=2.0).contains(&length);
-        usable.then(|| Self { position, quaternion: quaternion.map(|q| q / length) })
+        usable.then(|| Self {
+            position,
+            quaternion: quaternion.map(|q| q / length),
+        })
     }
 
     /// `a_from_c` from `a_from_b` (self) and `b_from_c`.
@@ -48,15 +54,25 @@ impl Pose7 {
     #[must_use]
     pub fn inverse(&self) -> Self {
         let [x, y, z, w] = self.quaternion;
-        let turned = Self { position: [0.0; 3], quaternion: [-x, -y, -z, w] };
-        Self { position: turned.rotate(self.position).map(|p| -p), ..turned }
+        let turned = Self {
+            position: [0.0; 3],
+            quaternion: [-x, -y, -z, w],
+        };
+        Self {
+            position: turned.rotate(self.position).map(|p| -p),
+            ..turned
+        }
     }
 
     /// Turns a direction of b to a.
     #[must_use]
     pub fn rotate(&self, [vx, vy, vz]: [f64; 3]) -> [f64; 3] {
         let [x, y, z, w] = self.quaternion;
-        let [tx, ty, tz] = [2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)];
+        let [tx, ty, tz] = [
+            2.0 * (y * vz - z * vy),
+            2.0 * (z * vx - x * vz),
+            2.0 * (x * vy - y * vx),
+        ];
         [
             vx + w * tx + y * tz - z * ty,
             vy + w * ty + z * tx - x * tz,
@@ -80,8 +96,14 @@ impl StaticTransforms {
         let transform = transform.transform;
         let pose = Pose7::normalised(transform.translation.into(), transform.rotation.into());
         let Some(pose) = pose else { return false };
-        self.edges.entry(parent.to_owned()).or_default().insert(child.to_owned(), pose);
-        self.edges.entry(child.to_owned()).or_default().insert(parent.to_owned(), pose.inverse());
+        self.edges
+            .entry(parent.to_owned())
+            .or_default()
+            .insert(child.to_owned(), pose);
+        self.edges
+            .entry(child.to_owned())
+            .or_default()
+            .insert(parent.to_owned(), pose.inverse());
         true
     }
 
@@ -92,7 +114,9 @@ impl StaticTransforms {
         while !front.is_empty() && !known.contains_key(from) {
             let mut next = Vec::new();
             for frame in front {
-                let Some(pose) = known.get(frame).copied() else { continue };
+                let Some(pose) = known.get(frame).copied() else {
+                    continue;
+                };
                 for (neighbour, edge) in self.edges.get(frame).into_iter().flatten() {
                     if !known.contains_key(neighbour.as_str()) {
                         known.insert(neighbour, pose.then(edge));
@@ -117,7 +141,10 @@ mod tests {
 
     fn transform(parent: &str, child: &str, pose: Pose7) -> TransformStamped {
         let mut message = TransformStamped {
-            header: Header { frame_id: parent.to_owned(), ..Header::default() },
+            header: Header {
+                frame_id: parent.to_owned(),
+                ..Header::default()
+            },
             child_frame_id: child.to_owned(),
             ..TransformStamped::default()
         };
@@ -127,14 +154,22 @@ mod tests {
     }
 
     fn assert_close(a: Pose7, b: Pose7) {
-        for (a, b) in a.position.iter().chain(&a.quaternion).zip(b.position.iter().chain(&b.quaternion)) {
+        for (a, b) in a
+            .position
+            .iter()
+            .chain(&a.quaternion)
+            .zip(b.position.iter().chain(&b.quaternion))
+        {
             assert!((a - b).abs() < 1e-12, "{a} is not {b}");
         }
     }
 
     const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
     /// A quarter turn about z, then one metre along the turned x.
-    const TURNED: Pose7 = Pose7 { position: [0.0, 1.0, 0.0], quaternion: [0.0, 0.0, HALF, HALF] };
+    const TURNED: Pose7 = Pose7 {
+        position: [0.0, 1.0, 0.0],
+        quaternion: [0.0, 0.0, HALF, HALF],
+    };
 
     #[test]
     fn a_quarter_turn_about_z_takes_x_to_y() {
@@ -151,7 +186,10 @@ mod tests {
     #[test]
     fn chains_and_inverted_edges_are_followed() {
         let mut transforms = StaticTransforms::default();
-        let step = Pose7 { position: [1.0, 0.0, 0.0], ..Pose7::IDENTITY };
+        let step = Pose7 {
+            position: [1.0, 0.0, 0.0],
+            ..Pose7::IDENTITY
+        };
         assert!(transforms.add(&transform("/aria_device", "mount", TURNED)));
         assert!(transforms.add(&transform("tcp", "mount", step)));
         let found = transforms.between("aria_device", "tcp").unwrap();
@@ -163,7 +201,10 @@ mod tests {
     fn a_quaternion_of_no_length_is_no_pose() {
         assert_eq!(Pose7::normalised([0.0; 3], [0.0; 4]), None);
         assert_eq!(Pose7::normalised([0.0; 3], [0.0, 0.0, 0.0, f64::NAN]), None);
-        assert_eq!(Pose7::normalised([f64::INFINITY, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]), None);
+        assert_eq!(
+            Pose7::normalised([f64::INFINITY, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]),
+            None
+        );
         assert_eq!(
             Pose7::normalised([0.0; 3], [0.0, 0.0, 0.0, 0.999]).map(|pose| pose.quaternion),
             Some([0.0, 0.0, 0.0, 1.0])

@@ -25,7 +25,9 @@ impl TopicMap {
     ///
     /// # Errors
     /// As [`Self::add`].
-    pub fn from_arguments<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Result<Self, ReadError> {
+    pub fn from_arguments<'a>(
+        arguments: impl IntoIterator<Item = &'a str>,
+    ) -> Result<Self, ReadError> {
         let mut map = Self::default();
         for argument in arguments {
             map.add(argument)?;
@@ -38,7 +40,12 @@ impl TopicMap {
     /// # Errors
     /// When it has another shape, or the right side is no topic of the contract or was named before.
     pub fn add(&mut self, argument: &str) -> Result<(), ReadError> {
-        let wrong = |reason| Err(ReadError::Map { argument: argument.to_owned(), reason });
+        let wrong = |reason| {
+            Err(ReadError::Map {
+                argument: argument.to_owned(),
+                reason,
+            })
+        };
         let Some((from, to)) = argument.split_once('=') else {
             return wrong("must look like /their/topic=/ft/wrench");
         };
@@ -51,7 +58,11 @@ impl TopicMap {
                  /ft/temperature, /tf_static, /marks",
             );
         }
-        if self.pairs.iter().any(|(known_from, known_to)| known_from == from || known_to == to) {
+        if self
+            .pairs
+            .iter()
+            .any(|(known_from, known_to)| known_from == from || known_to == to)
+        {
             return wrong("names a topic that an earlier --map named");
         }
         self.pairs.push((from.to_owned(), to.to_owned()));
@@ -60,7 +71,11 @@ impl TopicMap {
 
     /// The contract's name of a recording's topic; `None` when another topic takes its place.
     pub(super) fn resolve<'a>(&'a self, topic: &'a str) -> Option<&'a str> {
-        let mapped = self.pairs.iter().find(|(from, _)| from == topic).map(|(_, to)| to.as_str());
+        let mapped = self
+            .pairs
+            .iter()
+            .find(|(from, _)| from == topic)
+            .map(|(_, to)| to.as_str());
         let replaced = self.pairs.iter().any(|(_, to)| to == topic);
         mapped.or((!replaced).then_some(topic))
     }
@@ -87,13 +102,25 @@ mod tests {
     fn wrong_arguments_say_what_is_right() {
         for (argument, expected) in [
             ("/a", "--map /a: must look like /their/topic=/ft/wrench"),
-            ("=/ft/wrench", "--map =/ft/wrench: names no topic before the ="),
+            (
+                "=/ft/wrench",
+                "--map =/ft/wrench: names no topic before the =",
+            ),
         ] {
-            assert_eq!(TopicMap::default().add(argument).unwrap_err().to_string(), expected);
+            assert_eq!(
+                TopicMap::default().add(argument).unwrap_err().to_string(),
+                expected
+            );
         }
         let message = TopicMap::default().add("/a=/b").unwrap_err().to_string();
-        assert!(message.contains("one of /ft/wrench, /tcp/pose"), "{message}");
+        assert!(
+            message.contains("one of /ft/wrench, /tcp/pose"),
+            "{message}"
+        );
         let twice = TopicMap::from_arguments(["/a=/tcp/pose", "/b=/tcp/pose"]).unwrap_err();
-        assert_eq!(twice.to_string(), "--map /b=/tcp/pose: names a topic that an earlier --map named");
+        assert_eq!(
+            twice.to_string(),
+            "--map /b=/tcp/pose: names a topic that an earlier --map named"
+        );
     }
 }

@@ -52,7 +52,10 @@ pub(super) struct Settled<T> {
 
 impl<T> Default for Track<T> {
     fn default() -> Self {
-        Self { samples: Vec::new(), latest: None }
+        Self {
+            samples: Vec::new(),
+            latest: None,
+        }
     }
 }
 
@@ -70,7 +73,11 @@ impl<T: PartialEq> Track<T> {
     pub(super) fn settle(self) -> Settled<T> {
         let Self { mut samples, .. } = self;
         samples.sort_by_key(|sample| sample.at);
-        let mut settled = Settled { samples: Vec::new(), duplicates: 0, repeated_stamps: 0 };
+        let mut settled = Settled {
+            samples: Vec::new(),
+            duplicates: 0,
+            repeated_stamps: 0,
+        };
         settled.samples.reserve_exact(samples.len());
         for sample in samples {
             let mut same_stamp = settled
@@ -100,11 +107,21 @@ mod tests {
     fn late_repeated_and_missing_samples_are_counted_apart() {
         let mut track = Track::default();
         let mut health = TopicHealth::default();
-        for (at, value) in [(3, Some(3.0)), (1, Some(1.0)), (3, Some(3.0)), (3, Some(4.0)), (4, None)] {
+        for (at, value) in [
+            (3, Some(3.0)),
+            (1, Some(1.0)),
+            (3, Some(3.0)),
+            (3, Some(4.0)),
+            (4, None),
+        ] {
             track.push(HostTime::from_nanos(at), value, &mut health);
         }
         let settled = track.settle();
-        let samples: Vec<_> = settled.samples.iter().map(|s| (s.at.as_nanos(), s.value)).collect();
+        let samples: Vec<_> = settled
+            .samples
+            .iter()
+            .map(|s| (s.at.as_nanos(), s.value))
+            .collect();
         assert_eq!(samples, [(1, 1.0), (3, 3.0), (3, 4.0)]);
         assert_eq!((settled.duplicates, settled.repeated_stamps), (1, 1));
         assert_eq!((health.out_of_order, health.non_finite), (1, 1));

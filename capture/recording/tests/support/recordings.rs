@@ -7,8 +7,8 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use ft_recording::message::{
-    DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Message, Pose, PoseStamped, TFMessage,
-    Temperature, Text, TransformStamped, WrenchStamped,
+    DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Message, Pose, PoseStamped,
+    TFMessage, Temperature, Text, TransformStamped, WrenchStamped,
 };
 use ft_recording::qos::Qos;
 use ft_recording::reader::{Record, RecordReader};
@@ -49,7 +49,10 @@ pub(crate) fn at(milliseconds: i64) -> HostTime {
 
 pub(crate) fn wrench(milliseconds: i64, numbers: &mut Numbers) -> WrenchStamped {
     let components = [(); 6].map(|()| (numbers.unit() * 1e4).round() / 1e3);
-    WrenchStamped { header: Header::new(at(milliseconds), "ft_sensor"), wrench: components.into() }
+    WrenchStamped {
+        header: Header::new(at(milliseconds), "ft_sensor"),
+        wrench: components.into(),
+    }
 }
 
 pub(crate) fn pose(milliseconds: i64, numbers: &mut Numbers) -> PoseStamped {
@@ -59,7 +62,10 @@ pub(crate) fn pose(milliseconds: i64, numbers: &mut Numbers) -> PoseStamped {
     let orientation = [x, y, z, w].map(|component| component / length);
     PoseStamped {
         header: Header::new(at(milliseconds), "world"),
-        pose: Pose { position: position.into(), orientation: orientation.into() },
+        pose: Pose {
+            position: position.into(),
+            orientation: orientation.into(),
+        },
     }
 }
 
@@ -100,22 +106,37 @@ pub(crate) fn diagnostics(milliseconds: i64) -> DiagnosticArray {
             name: "ft_sensor".to_owned(),
             message: "streaming".to_owned(),
             hardware_id: "0001".to_owned(),
-            values: vec![KeyValue { key: "gaps".to_owned(), value: "0".to_owned() }],
+            values: vec![KeyValue {
+                key: "gaps".to_owned(),
+                value: "0".to_owned(),
+            }],
         }],
     }
 }
 
 pub(crate) fn calibration() -> Calibration {
     Calibration {
-        payload_mass_kg: Estimate { value: 0.49, std: 0.005 },
-        payload_com_m: Estimate { value: [0.021, 0.020, 0.059], std: [0.001; 3] },
-        payload_inertia_kgm2: Estimate { value: [1e-3, 0.0, 1e-3, 0.0, 0.0, 5e-4], std: [1e-4; 6] },
+        payload_mass_kg: Estimate {
+            value: 0.49,
+            std: 0.005,
+        },
+        payload_com_m: Estimate {
+            value: [0.021, 0.020, 0.059],
+            std: [0.001; 3],
+        },
+        payload_inertia_kgm2: Estimate {
+            value: [1e-3, 0.0, 1e-3, 0.0, 0.0, 5e-4],
+            std: [1e-4; 6],
+        },
         wrench_bias: None,
     }
 }
 
 pub(crate) fn options(compression: Compression) -> WriterOptions {
-    WriterOptions { compression, ..WriterOptions::default() }
+    WriterOptions {
+        compression,
+        ..WriterOptions::default()
+    }
 }
 
 /// Writes a recording of every topic, `milliseconds` long, wrench and pose at 1 kHz.
@@ -124,7 +145,10 @@ pub(crate) fn write_recording(path: &Path, compression: Compression, millisecond
     fill(&mut writer, milliseconds);
     let ledger = r#"{"received":1000,"gaps":0,"drops":0,"refused":0,"duplicated":0}"#;
     writer
-        .write_metadata("ft.ledger", &BTreeMap::from([("ft_sensor".to_owned(), ledger.to_owned())]))
+        .write_metadata(
+            "ft.ledger",
+            &BTreeMap::from([("ft_sensor".to_owned(), ledger.to_owned())]),
+        )
         .unwrap();
     writer.finish().unwrap();
 }
@@ -134,26 +158,44 @@ pub(crate) fn fill(writer: &mut RecordingWriter, milliseconds: i64) {
     let mut numbers = Numbers(7);
     let session = BTreeMap::from([("version".to_owned(), "0.1.0".to_owned())]);
     writer.write_metadata("ft.session", &session).unwrap();
-    writer.write_metadata("ft.calibration", &calibration().to_metadata().unwrap()).unwrap();
-    let wrench_channel = writer.add_channel::<WrenchStamped>("/ft/wrench", Qos::SENSOR).unwrap();
-    let pose_channel = writer.add_channel::<PoseStamped>("/aria/pose", Qos::SENSOR).unwrap();
-    let gripper_channel = writer.add_channel::<JointState>("/gripper/joint_states", Qos::SENSOR).unwrap();
-    let temperature_channel = writer.add_channel::<Temperature>("/ft/temperature", Qos::SENSOR).unwrap();
-    let tf_channel = writer.add_channel::<TFMessage>("/tf_static", Qos::LATCHED).unwrap();
+    writer
+        .write_metadata("ft.calibration", &calibration().to_metadata().unwrap())
+        .unwrap();
+    let wrench_channel = writer
+        .add_channel::<WrenchStamped>("/ft/wrench", Qos::SENSOR)
+        .unwrap();
+    let pose_channel = writer
+        .add_channel::<PoseStamped>("/aria/pose", Qos::SENSOR)
+        .unwrap();
+    let gripper_channel = writer
+        .add_channel::<JointState>("/gripper/joint_states", Qos::SENSOR)
+        .unwrap();
+    let temperature_channel = writer
+        .add_channel::<Temperature>("/ft/temperature", Qos::SENSOR)
+        .unwrap();
+    let tf_channel = writer
+        .add_channel::<TFMessage>("/tf_static", Qos::LATCHED)
+        .unwrap();
     let marks_channel = writer.add_channel::<Text>("/marks", Qos::RELIABLE).unwrap();
-    let diagnostics_channel =
-        writer.add_channel::<DiagnosticArray>("/diagnostics", Qos::RELIABLE).unwrap();
+    let diagnostics_channel = writer
+        .add_channel::<DiagnosticArray>("/diagnostics", Qos::RELIABLE)
+        .unwrap();
     let raw_channel = writer.add_raw_channel("/raw/ft_sensor").unwrap();
     let mut buffer = Vec::new();
     for millisecond in 0..milliseconds {
         let publish_time = at(millisecond);
-        let stamps =
-            MessageStamps { log_time: HostTime::from_nanos(publish_time.as_nanos() + 400_000), publish_time };
+        let stamps = MessageStamps {
+            log_time: HostTime::from_nanos(publish_time.as_nanos() + 400_000),
+            publish_time,
+        };
         let mut write = |channel, bytes: &[u8]| writer.write(channel, stamps, bytes).unwrap();
         if millisecond == 0 {
             transforms().encode(&mut buffer);
             write(tf_channel, &buffer);
-            Text { data: "free_air_begin".to_owned() }.encode(&mut buffer);
+            Text {
+                data: "free_air_begin".to_owned(),
+            }
+            .encode(&mut buffer);
             write(marks_channel, &buffer);
         }
         wrench(millisecond, &mut numbers).encode(&mut buffer);
@@ -167,7 +209,12 @@ pub(crate) fn fill(writer: &mut RecordingWriter, milliseconds: i64) {
         }
         if millisecond % 100 == 0 {
             let header = Header::new(publish_time, "ft_sensor");
-            Temperature { header, temperature: 31.5, variance: 0.0 }.encode(&mut buffer);
+            Temperature {
+                header,
+                temperature: 31.5,
+                variance: 0.0,
+            }
+            .encode(&mut buffer);
             write(temperature_channel, &buffer);
             diagnostics(millisecond).encode(&mut buffer);
             write(diagnostics_channel, &buffer);
@@ -187,7 +234,12 @@ pub(crate) struct Kept {
 }
 
 pub(crate) fn reader(bytes: &[u8]) -> RecordReader<Cursor<&[u8]>> {
-    RecordReader::new(Cursor::new(bytes), bytes.len() as u64, Path::new("memory.mcap")).unwrap()
+    RecordReader::new(
+        Cursor::new(bytes),
+        bytes.len() as u64,
+        Path::new("memory.mcap"),
+    )
+    .unwrap()
 }
 
 /// All messages that can be read of a file in memory, and what is wrong with it.
@@ -206,18 +258,29 @@ pub(crate) fn read_messages(bytes: &[u8]) -> (Vec<Kept>, Vec<String>) {
             },
             Some(_) => continue,
         };
-        messages.push(Kept { ends_at: reader.good_end(), ..message });
+        messages.push(Kept {
+            ends_at: reader.good_end(),
+            ..message
+        });
     }
-    (messages, reader.damage().iter().map(ToString::to_string).collect())
+    (
+        messages,
+        reader.damage().iter().map(ToString::to_string).collect(),
+    )
 }
 
 /// Where real data lie, `$FT_DATA` or beside the checkout.
 pub(crate) fn data_directory(name: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let directory = std::env::var_os("FT_DATA").map_or_else(beside, PathBuf::from).join(name);
+    let directory = std::env::var_os("FT_DATA")
+        .map_or_else(beside, PathBuf::from)
+        .join(name);
     if directory.is_dir() {
         return Some(directory);
     }
-    println!("skipped: {} is not there (set FT_DATA)", directory.display());
+    println!(
+        "skipped: {} is not there (set FT_DATA)",
+        directory.display()
+    );
     None
 }

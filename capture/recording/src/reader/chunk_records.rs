@@ -1,0 +1,218 @@
+//! Chunks in the file: whole, wrong, cut, or to be found behind something that is no record.
+
+use std::io::{self, Read, Seek};
+
+use super::chunk::{LIMIT, Unpacked, unpack};
+use super::damage::DamageKind;
+use super::record::{CHUNK, ChunkHeader, MESSAGE};
+use super::{FRAME, RecordReader, frame};
+
+/// A chunk record with more behind its content has a wrong length.
+const MAX_PADDING: u64 = 4096;
+/// How much of the file is looked at in one go for the next chunk.
+const SCAN_WINDOW: usize = 1 << 16;
+
+impl<R: Read + Seek> RecordReader<R> {
+    pub(super) fn read_chunk(&mut self, length: u64, left: u64) -> io::Result<()> {
+        let start = self.position;
+        let Some(header) = self.read_chunk_header(left)? else {
+            return match left < (ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME) as u64 {
+                true => self.cut_record(CHUNK, left),
+                false => self.resync(),
+            };
+        };
+        let claimed = header.length.saturating_add(header.compressed_size);
+        if claimed > left {
+            return self.read_cut_chunk(&header, left);
+        }
+        // A record length that contradicts the chunk's own header is not believed.
+        let padded = claimed..=left.min(claimed.saturating_add(MAX_PADDING));
+        let length = if padded.contains(&length) {
+            length
+        } else {
+            claimed
+        };
+        if length > LIMIT || header.uncompressed_size > LIMIT {
+            self.note(DamageKind::TooLarge {
+                opcode: CHUNK,
+                length: length.max(header.uncompressed_size),
+            });
+            return self.seek_to(start + length);
+        }
+        self.read_more(length - header.length)?;
+        self.good_end = self.position;
+        self.open_chunk(&header);
+        Ok(())
+    }
+
+    /// Reads exactly the header into `body`.
+    fn read_chunk_header(&mut self, left: u64) -> io::Result<Option<ChunkHeader>> {
+        self.read_body(left.min(ChunkHeader::MIN_LENGTH as u64))?;
+        let name = ChunkHeader::name_length(&self.body)
+            .filter(|name| *name <= ChunkHeader::MAX_NAME as u64);
+        let Some(name) = name else { return Ok(None) };
+        self.read_more(name.min(left.saturating_sub(ChunkHeader::MIN_LENGTH as u64)))?;
+        Ok(ChunkHeader::parse(&self.body))
+    }
+
+    /// Unpacks the chunk in `body`; its records are there to be read only when it is right.
+    fn open_chunk(&mut self, header: &ChunkHeader) {
+        let (saved, expected) = (header.uncompressed_crc, header.uncompressed_size);
+        let unpacked = unpack(
+            &header.compression,
+            packed(&self.body, header),
+            expected,
+            &mut self.chunk,
+        );
+        let got = self.chunk.len() as u64;
+        let calculated = if saved == 0 {
+            0
+        } else {
+            crc32fast::hash(&self.chunk)
+        };
+        if unpacked == Unpacked::Unsupported {
+            self.note(DamageKind::Compression {
+                name: header.compression.clone(),
+            });
+        } else if unpacked == Unpacked::Partly || got != expected {
+            self.note(DamageKind::ChunkContent {
+                compression: header.compression.clone(),
+                expected,
+                got,
+            });
+        } else if calculated != saved {
+            self.note(DamageKind::ChunkCrc { saved, calculated });
+        } else {
+            self.in_chunk = 0..self.chunk.len();
+        }
+    }
+
+    /// The chunk at the end of a file that was cut, or that was being written: gives the whole records in it.
+    fn read_cut_chunk(&mut self, header: &ChunkHeader, left: u64) -> io::Result<()> {
+        if let Some(found) = self.find_chunk(self.offset + 1)? {
+            return self.skip_garbage(found);
+        }
+        self.seek_to(self.offset + FRAME)?;
+        self.read_body(left.min(LIMIT))?;
+        unpack(
+            &header.compression,
+            packed(&self.body, header),
+            LIMIT,
+            &mut self.chunk,
+        );
+        let whole = whole_records(&self.chunk);
+        self.end(DamageKind::Truncated {
+            opcode: CHUNK,
+            left: left + FRAME,
+            messages: whole.messages,
+        });
+        self.in_chunk = 0..whole.end;
+        Ok(())
+    }
+
+    /// Looks for the next chunk behind a place that is no record.
+    pub(super) fn resync(&mut self) -> io::Result<()> {
+        match self.find_chunk(self.offset + 1)? {
+            Some(found) => self.skip_garbage(found),
+            None => {
+                self.end(DamageKind::Garbage {
+                    skipped: self.length - self.offset,
+                });
+                Ok(())
+            }
+        }
+    }
+
+    fn skip_garbage(&mut self, to: u64) -> io::Result<()> {
+        self.note(DamageKind::Garbage {
+            skipped: to - self.offset,
+        });
+        self.seek_to(to)
+    }
+
+    /// Where the next chunk at or behind `from` begins, judged by its header.
+    fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
+        let overlap = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
+        let mut start = from;
+        while start < self.length {
+            self.seek_to(start)?;
+            self.read_body((SCAN_WINDOW as u64).min(self.length - start))?;
+            let found = (0..self.body.len()).find(|at| {
+                let left = self.length - start - *at as u64;
+                self.body
+                    .get(*at..)
+                    .is_some_and(|bytes| looks_like_chunk(bytes, left))
+            });
+            if let Some(at) = found {
+                return Ok(Some(start + at as u64));
+            }
+            if self.body.len() < SCAN_WINDOW {
+                break;
+            }
+            start += (SCAN_WINDOW - overlap) as u64;
+        }
+        Ok(None)
+    }
+
+    /// A record that claims to go on behind the end of the file: cut there, or its length is wrong.
+    pub(super) fn cut_record(&mut self, opcode: u8, left: u64) -> io::Result<()> {
+        match self.find_chunk(self.offset + 1)? {
+            Some(found) => self.skip_garbage(found),
+            None => {
+                self.end(DamageKind::Truncated {
+                    opcode,
+                    left: left + FRAME,
+                    messages: 0,
+                });
+                Ok(())
+            }
+        }
+    }
+}
+
+/// The packed records of a chunk record, as far as they are there.
+fn packed<'a>(body: &'a [u8], header: &ChunkHeader) -> &'a [u8] {
+    let start = usize::try_from(header.length).unwrap_or(usize::MAX);
+    let rest = body.get(start..).unwrap_or_default();
+    usize::try_from(header.compressed_size)
+        .ok()
+        .and_then(|size| rest.get(..size))
+        .unwrap_or(rest)
+}
+
+struct Whole {
+    messages: u64,
+    end: usize,
+}
+
+/// How far whole records reach in the content of a cut chunk.
+fn whole_records(content: &[u8]) -> Whole {
+    let mut whole = Whole {
+        messages: 0,
+        end: 0,
+    };
+    while let Some((opcode, length)) = content.get(whole.end..).and_then(frame) {
+        let end = usize::try_from(length)
+            .ok()
+            .and_then(|length| whole.end.checked_add(9)?.checked_add(length));
+        match end.filter(|end| *end <= content.len() && opcode != 0) {
+            Some(end) => whole.end = end,
+            None => break,
+        }
+        whole.messages += u64::from(opcode == MESSAGE);
+    }
+    whole
+}
+
+fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
+    let Some((CHUNK, length)) = frame(bytes) else {
+        return false;
+    };
+    let Some(header) = bytes.get(9..).and_then(ChunkHeader::parse) else {
+        return false;
+    };
+    ["", "zstd", "lz4"].contains(&header.compression.as_str())
+        && header.length.checked_add(header.compressed_size) == Some(length)
+        && length <= left - FRAME
+        && header.uncompressed_size <= LIMIT
+}
