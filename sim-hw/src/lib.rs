@@ -31,7 +31,6 @@
 //! | CAN | arbitration, error frames, bus-off | none; frames keep their order |
 //! | gripper | pads and wrist give way | rigid grasp |
 #![forbid(unsafe_code)]
-#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 mod bota_serial;
 pub mod bus;

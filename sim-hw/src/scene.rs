@@ -9,7 +9,7 @@ use crate::random::{Random, Stream};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::setting::Setting;
 use crate::tool::{ContactWrench, Tool};
-use crate::world::{Drive, Free, STEPS_PER_SECOND, World, mechanism};
+use crate::world::{Drive, Free, Moment, STEPS_PER_SECOND, World, mechanism};
 
 /// Seconds from the start of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,14 +67,8 @@ pub(crate) struct Sight {
     pub(crate) tcp: RigidMotion,
     /// What an ideal sensor reports.
     pub(crate) wrench: [f64; 6],
-    #[cfg_attr(
-        not(test),
-        allow(
-            dead_code,
-            reason = "tests compare it with the object's equation of motion"
-        )
-    )]
-    pub(crate) moment: crate::world::Moment,
+    /// The joint's motion and the effort on it.
+    pub(crate) moment: Moment,
 }
 
 #[derive(Debug)]

@@ -16,6 +16,7 @@ use crate::clock::SimNanos;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::scene::Scene;
 use crate::truth::Truth;
+use crate::world::Moment;
 
 /// A scenario made particular by a seed, with its devices, at an instant.
 ///
@@ -190,6 +191,12 @@ impl Simulation {
             .take_while(|(at, _)| *at <= self.now)
             .count();
         self.marks[given..self.marks_given].to_vec()
+    }
+
+    /// The joint's true motion and the tool's effort on it at the present instant; for tests.
+    #[must_use]
+    pub fn moment(&self) -> Moment {
+        self.scene.sight(self.nanos(self.now) as f64 * 1e-9).moment
     }
 
     /// All that is so and that nobody measuring may see.

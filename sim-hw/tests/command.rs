@@ -1,4 +1,5 @@
 //! The command line: what it prints and the codes it exits with.
+#![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Output, Stdio};
@@ -71,7 +72,7 @@ fn serving_prints_the_ports_and_stops_on_a_signal() {
         .unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let mut printed = String::new();
-    while !printed.contains("Until") {
+    while !printed.contains("Ctrl-C") {
         printed.push_str(&lines.next().unwrap().unwrap());
         printed.push('\n');
     }

@@ -1,4 +1,5 @@
 //! What the simulation costs: stepped as fast as it goes, and beside real time.
+#![allow(clippy::unwrap_used)]
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
 //! The whole simulation, stepped: what a host sees on the links.
+#![allow(clippy::unwrap_used)]
 
 use std::time::Duration;
 
@@ -248,6 +249,30 @@ fn the_truths_effort_is_what_a_slow_hand_needs() {
         (closing - (11.0 + 3.6 - 1.4 - 0.08 - 4.2)).abs() < 1e-9,
         "the sweep zone damps closing: {closing}"
     );
+}
+
+#[test]
+fn the_truths_effort_is_the_tools_effort_all_along() {
+    for name in Scenario::builtin_names() {
+        let mut simulation = simulation(name, 1, Some(30.0));
+        let truth = simulation.truth();
+        let (mut now, mut compared) = (START, 0);
+        while now < simulation.end() {
+            now = now + Duration::from_micros(7300);
+            simulation.advance_to(now);
+            let held = (truth.grasp_ns..truth.release_ns).contains(&now.as_nanos());
+            let moment = simulation.moment();
+            if held && moment.state.dq != 0.0 {
+                let needed = truth.effort(moment.state.q, moment.state.dq, moment.ddq);
+                assert!(
+                    (needed - moment.tool_effort).abs() < 1e-9,
+                    "{name}: {moment:?} {needed}"
+                );
+                compared += 1;
+            }
+        }
+        assert!(compared > 1000, "{name}: {compared}");
+    }
 }
 
 #[test]

@@ -28,14 +28,14 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Plays a scenario in real time on pseudo-terminals and CAN until its end or Ctrl-C.
+    /// Plays a scenario in real time on pseudo-terminals and CAN until Ctrl-C.
     Serve {
         /// A built-in scenario, or the path of a TOML file.
         scenario: String,
         /// Draws everything that is random.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Seconds in all; by default as long as a minute of probing takes.
+        /// Seconds that the person takes in all; by default as long as a minute of probing takes.
         #[arg(long, value_name = "SECONDS", value_parser = seconds)]
         duration: Option<Duration>,
         /// An existing CAN interface for devices on CAN.
@@ -126,9 +126,14 @@ fn serve(
         write_truth(path, &server)?;
     }
     print_ports(&scenario, &server);
-    while !interrupted.load(Ordering::Relaxed) && !server.is_over() {
+    let mut over = false;
+    while !interrupted.load(Ordering::Relaxed) {
         for (at, mark) in server.drain_marks() {
             println!("{at}  {mark}");
+        }
+        if server.is_over() && !over {
+            over = true;
+            println!("{}  the person is done; the devices go on", clock.now());
         }
         clock.wait_until(clock.now() + Duration::from_millis(50));
     }
@@ -168,5 +173,5 @@ fn print_ports(scenario: &Scenario, server: &Server) {
             served.fitted.name, served.fitted.driver
         );
     }
-    println!("Until {} or Ctrl-C.", server.end());
+    println!("The person is done at {}; stop with Ctrl-C.", server.end());
 }
