@@ -13,6 +13,7 @@ use crate::calibration::Calibration;
 pub use crate::error::ReadError;
 use crate::message::{JointState, Message, PoseStamped, Temperature, WrenchStamped};
 use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
+use crate::recover::loss_before_recovery;
 use crate::{metadata, topic};
 
 mod stream;
@@ -107,7 +108,11 @@ pub fn check(path: &Path) -> Result<Report, ReadError> {
     while let Some(record) = reader.next_record()? {
         survey.take(record);
     }
-    let damage = survey.unknown.behind(reader.damage()).collect();
+    let damage = survey
+        .unknown
+        .behind(reader.damage())
+        .chain(survey.recovered)
+        .collect();
     let span = span(&survey.streams);
     let topics: BTreeMap<_, _> = survey
         .streams
@@ -156,6 +161,7 @@ struct Survey {
     ledger: BTreeMap<String, String>,
     calibration: Presence,
     session: Presence,
+    recovered: Option<String>,
 }
 
 impl Default for Survey {
@@ -170,6 +176,7 @@ impl Default for Survey {
             ledger: BTreeMap::new(),
             calibration: Presence::Absent,
             session: Presence::Absent,
+            recovered: None,
         }
     }
 }
@@ -189,6 +196,9 @@ impl Survey {
             Record::Message(message) => self.add_message(message),
             Record::Metadata { name, entries } => match name.as_str() {
                 metadata::LEDGER => self.ledger = entries,
+                metadata::RECOVERED => {
+                    self.recovered = self.recovered.take().or(loss_before_recovery(&entries));
+                }
                 metadata::SESSION => self.session = Presence::Present,
                 metadata::CALIBRATION => {
                     self.calibration = match Calibration::from_metadata(&entries) {

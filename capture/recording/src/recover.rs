@@ -80,6 +80,15 @@ impl Recovered {
     }
 }
 
+/// What the metadata `ft.recovered` says is missing in the recording that has it.
+pub(crate) fn loss_before_recovery(entries: &BTreeMap<String, String>) -> Option<String> {
+    let entry = |key| entries.get(key).map_or("", String::as_str);
+    let damage = entry("damage").lines().next().unwrap_or_default();
+    let whole = entry("was_complete") == "true" && damage.is_empty();
+    let source = entry("source");
+    (!whole).then(|| format!("recovered from {source}, which was not whole: {damage}"))
+}
+
 /// Writes a complete recording `out` of what can be read of `source`, which stays as it is.
 ///
 /// # Errors

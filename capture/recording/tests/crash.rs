@@ -181,20 +181,21 @@ fn a_kill_costs_at_most_a_quarter_of_a_second() {
         let out = folder.path().join("recovered.mcap");
         let recovered = recover(&partial_path(&path), &out, true).unwrap();
         let progress = fs::read(path.with_extension("progress")).unwrap();
+        println!("killed after {} ms:\n{recovered}", lifetime.as_millis());
         for (topic, bytes) in TOPICS.into_iter().zip(progress.chunks(8)) {
             let written = i64::from_le_bytes(bytes.try_into().unwrap());
             let found = &recovered.topics[topic];
             let lost = (written - found.last_ns.unwrap()) as f64 * 1e-9;
+            println!("  {topic}: the last {:.0} ms are lost", lost * 1e3);
             assert!(
                 (0.0..=LOSS_LIMIT).contains(&lost),
-                "{topic}: the last {lost} s are lost"
+                "more than {LOSS_LIMIT} s"
             );
             assert_eq!(found.missing_sequences, 0, "{topic}");
             assert!(found.messages > 10, "{topic}");
         }
-        println!("killed after {} ms:\n{recovered}", lifetime.as_millis());
         let report = check::check(&out).unwrap();
-        assert!(report.is_complete && report.damage.is_empty());
+        assert!(report.is_complete && report.damage.len() == 1);
         fs::remove_file(partial_path(&path)).unwrap();
     }
 }

@@ -13,6 +13,7 @@ use ft_recording::writer::{
     Compression, MessageStamps, RecordingWriter, WriterOptions, partial_path,
 };
 use ft_recording::{Message, ReadError, WriteError};
+use ft_recording::{Recording, TopicMap};
 use mcap::records::MessageHeader;
 
 #[path = "support/recordings.rs"]
@@ -64,6 +65,14 @@ fn a_leftover_becomes_a_complete_recording() {
     assert_eq!(bare(after), bare(before));
     let report = check(&out).unwrap();
     assert!(report.is_complete && report.profile == "ros2");
+    let expected = "recovered from a.mcap.partial, which was not whole: at byte ";
+    assert!(
+        report.lost_data() && report.damage[0].starts_with(expected),
+        "{:?}",
+        report.damage
+    );
+    let loaded = Recording::load(&out, &TopicMap::default()).unwrap();
+    assert!(loaded.health.truncated.unwrap().starts_with(expected));
     assert!(
         report
             .library
@@ -372,6 +381,24 @@ fn a_cut_recording_is_usable_but_not_whole() {
         report
             .to_string()
             .contains("usable, but not whole: at byte "),
+        "{report}"
+    );
+}
+
+#[test]
+fn a_loss_is_remembered_through_a_second_recovery() {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, once, twice) = (
+        folder.path().join("a.mcap.partial"),
+        folder.path().join("a.mcap"),
+        folder.path().join("b.mcap"),
+    );
+    leftover(&source, 300);
+    recover(&source, &once, false).unwrap();
+    assert!(!recover(&once, &twice, false).unwrap().lost_data());
+    let report = check(&twice).unwrap();
+    assert!(
+        report.damage[0].starts_with("recovered from a.mcap.partial"),
         "{report}"
     );
 }

@@ -17,6 +17,7 @@ use crate::message::{
     JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped,
 };
 use crate::reader::{Channel, Damage, RawMessage, Record, Schema, UnknownChannels};
+use crate::recover::loss_before_recovery;
 use crate::{metadata, topic};
 
 /// Name of the gripper's joint in `/gripper/joint_states`.
@@ -82,6 +83,7 @@ pub(super) struct Loader<'a> {
     transforms: StaticTransforms,
     calibration: Option<BTreeMap<String, String>>,
     session: BTreeMap<String, String>,
+    recovered: Option<String>,
     unknown: UnknownChannels,
 }
 
@@ -102,6 +104,7 @@ impl<'a> Loader<'a> {
             transforms: StaticTransforms::default(),
             calibration: None,
             session: BTreeMap::new(),
+            recovered: None,
             unknown: UnknownChannels::default(),
         }
     }
@@ -120,6 +123,9 @@ impl<'a> Loader<'a> {
             }
             Record::Metadata { name, entries } if name == metadata::CALIBRATION => {
                 self.calibration = Some(entries);
+            }
+            Record::Metadata { name, entries } if name == metadata::RECOVERED => {
+                self.recovered = self.recovered.take().or(loss_before_recovery(&entries));
             }
             _ => {}
         }
@@ -209,7 +215,7 @@ impl<'a> Loader<'a> {
         sha256: String,
         damage: &[Damage],
     ) -> Result<Recording, ReadError> {
-        let truncated = describe_all(self.unknown.behind(damage));
+        let truncated = describe_all(self.unknown.behind(damage).chain(self.recovered.clone()));
         self.check_map(path, truncated.as_ref())?;
         let wrench = self.settle(Role::Wrench, |loader| &mut loader.wrench);
         let tcp = self.settle(Role::TcpPose, |loader| &mut loader.tcp);
