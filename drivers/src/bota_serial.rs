@@ -20,24 +20,24 @@
 //! hardware.md 2.1, see [`ft_wire::bota_serial`].
 
 mod boot_text;
+mod config;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-pub use ft_wire::bota_serial::{BaudRate, Filter};
 use ft_wire::bota_serial::{self as wire, Ack, Command, Sample, Status};
+pub use ft_wire::bota_serial::{BaudRate, Filter};
 use ft_wire::{Chunk, DecodeError, HostTime, Parsed, Unwrapper, Wrench};
 
 use boot_text::BootText;
+pub use config::Config;
 
 use crate::device::{Counted, Device};
 use crate::framer::{Found, Framer};
 use crate::link::RxStamps;
-use crate::options::{Sign, Startup};
+use crate::options::Startup;
 use crate::outbox::Outbox;
-use crate::reading::{
-    Counts, DeviceEvent, Quality, Reading, SampleInstant, WrenchReading,
-};
+use crate::reading::{Counts, DeviceEvent, Quality, Reading, SampleInstant, WrenchReading};
 use crate::sequence::{Seen, Sequence};
 
 /// Silence that ends the draining of a stopped stream.
@@ -46,44 +46,6 @@ const QUIET: Duration = Duration::from_millis(30);
 const DRAIN_LIMIT: Duration = Duration::from_secs(1);
 const PACE: Duration = Duration::from_micros(wire::COMMAND_PACE_US);
 
-/// How to set the sensor up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Bit rate at which the line is open and that the sensor is told to keep. Default 460 800 bit/s, to which the
-    /// maker's driver switches; the factory's is 230 400.
-    pub baud: BaudRate,
-    /// Filter, which sets the rate: about 51 200 Hz / `sinc_length`. Default sinc 64 without FIR, 800 Hz, which the
-    /// maker calls the practical top.
-    pub filter: Filter,
-    /// Whether the sensor compensates its temperature. Default no, as the maker's driver.
-    pub temperature_compensation: bool,
-    /// Which side's wrench the sensor reports. Default environment on tool; unconfirmed on hardware.
-    pub sign: Sign,
-    /// Set the sensor up, or only listen. Default set up.
-    pub startup: Startup,
-    /// Longest wait for an acknowledgement, and for the first sample. Default 2 s, the maker's.
-    pub ack_timeout: Duration,
-    /// Silence after which the stream counts as lost. Default 500 ms; sinc 4096 with chop needs 1.77 s.
-    pub silence_timeout: Duration,
-    /// Pause between being lost and the next attempt. Default 1 s.
-    pub retry_after: Duration,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            baud: BaudRate::Bps460800,
-            filter: Filter { sinc_length: 64, chop: false, fast: false, fir_disable: true },
-            temperature_compensation: false,
-            sign: Sign::default(),
-            startup: Startup::default(),
-            ack_timeout: Duration::from_secs(2),
-            silence_timeout: Duration::from_millis(500),
-            retry_after: Duration::from_secs(1),
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     /// Made, not begun.
@@ -91,7 +53,10 @@ enum State {
     /// A command is out; its acknowledgement must come by the deadline.
     Asking(Command, HostTime),
     /// Stopped; what is still under way runs off.
-    Draining { quiet_at: HostTime, give_up_at: HostTime },
+    Draining {
+        quiet_at: HostTime,
+        give_up_at: HostTime,
+    },
     /// Sends nothing, waits for a first sample.
     Listening(HostTime),
     /// Samples flow; the next must come by the deadline.
@@ -125,12 +90,18 @@ enum Message {
 fn decode(bytes: &[u8]) -> Result<Parsed<Message>, DecodeError> {
     if bytes.first() == Some(&b'r') {
         return Ok(match wire::decode_ack(bytes)? {
-            Parsed::Complete { value, used } => Parsed::Complete { value: Message::Ack(value), used },
+            Parsed::Complete { value, used } => Parsed::Complete {
+                value: Message::Ack(value),
+                used,
+            },
             Parsed::Incomplete => Parsed::Incomplete,
         });
     }
     Ok(match wire::decode(bytes)? {
-        Parsed::Complete { value, used } => Parsed::Complete { value: Message::Sample(value), used },
+        Parsed::Complete { value, used } => Parsed::Complete {
+            value: Message::Sample(value),
+            used,
+        },
         Parsed::Incomplete => Parsed::Incomplete,
     })
 }
@@ -183,17 +154,31 @@ impl BotaSerial {
     }
 
     fn on_ack(&mut self, ack: Ack, now: HostTime) {
-        let State::Asking(command, _) = self.state else { return };
+        if self.config.startup == Startup::Listen && matches!(ack.command, b'C' | b'R') {
+            // Whoever set the sensor up paused its stream: no gap.
+            self.sequence.forget();
+            self.state = State::Listening(now + self.config.ack_timeout);
+            return;
+        }
+        let State::Asking(command, _) = self.state else {
+            return;
+        };
         if command.ack_letter() != Some(ack.command) {
             return;
         }
         if ack.return_code != 0 {
             let text = String::from_utf8_lossy(command.text().as_bytes()).into_owned();
-            return self.lose(format!("the sensor refused `{text}` with code {}", ack.return_code), now);
+            return self.lose(
+                format!("the sensor refused `{text}` with code {}", ack.return_code),
+                now,
+            );
         }
         match command {
             Command::Config => {
-                self.state = State::Draining { quiet_at: now + QUIET, give_up_at: now + DRAIN_LIMIT };
+                self.state = State::Draining {
+                    quiet_at: now + QUIET,
+                    give_up_at: now + DRAIN_LIMIT,
+                };
             }
             Command::CommSetup { .. } => self.ask(Command::Filter(self.config.filter), now),
             Command::Filter(_) => self.ask(Command::Run, now),
@@ -214,14 +199,20 @@ impl BotaSerial {
             _ => return,
         }
         self.state = State::Streaming(arrival + self.config.silence_timeout);
-        let Some(device_ns) = self.place(sample.timestamp_us, arrival) else { return };
+        let Some(device_ns) = self.place(sample.timestamp_us, arrival) else {
+            return;
+        };
         self.warn_of(sample.status, arrival);
         let wrench = Wrench::new(sample.force.map(f64::from), sample.torque.map(f64::from));
         self.received += 1;
         self.readings.push_back(Reading::Wrench(WrenchReading {
-            at: SampleInstant { arrival, device_ns: Some(device_ns) },
+            at: SampleInstant {
+                arrival,
+                device_ns: Some(device_ns),
+            },
             wrench: self.config.sign.apply(wrench),
-            temperature_celsius: Some(sample.temperature_celsius).filter(|celsius| celsius.is_finite()),
+            temperature_celsius: Some(sample.temperature_celsius)
+                .filter(|celsius| celsius.is_finite()),
             quality: quality(sample.status),
             status_bits: sample.status.0.into(),
         }));
@@ -259,13 +250,22 @@ impl BotaSerial {
         }
         self.warned |= status.0;
         for (bit, text) in [
-            (Status::APP_TOOK_TOO_LONG, "the sensor skipped samples: raise the sinc length"),
-            (Status::OVERRANGE, "a component is beyond the sensor's range"),
+            (
+                Status::APP_TOOK_TOO_LONG,
+                "the sensor skipped samples: raise the sinc length",
+            ),
+            (
+                Status::OVERRANGE,
+                "a component is beyond the sensor's range",
+            ),
             (
                 Status::INVALID_MEASUREMENTS,
                 "invalid measurements (saturated, short or open gauge): unload the sensor, it may be damaged",
             ),
-            (Status::RAW_MEASUREMENTS, "gauge values instead of N and N m: the calibration matrix is off"),
+            (
+                Status::RAW_MEASUREMENTS,
+                "gauge values instead of N and N m: the calibration matrix is off",
+            ),
         ] {
             if fresh & bit != 0 {
                 let text = format!("status {:#06x}: {text}", status.0);
@@ -283,7 +283,10 @@ impl BotaSerial {
             self.tell(DeviceEvent::Identified(identity), now);
         }
         if core::mem::take(&mut self.text.booted) && matches!(self.state, State::Streaming(_)) {
-            self.lose("the sensor restarted (boot text in the stream): check its supply".to_owned(), now);
+            self.lose(
+                "the sensor restarted (boot text in the stream): check its supply".to_owned(),
+                now,
+            );
         }
     }
 
@@ -295,7 +298,9 @@ impl BotaSerial {
             _ => format!("no answer to `{text}`"),
         };
         match self.unread_bytes {
-            0 => format!("{awaited} within {timeout:?}, no bytes at all: check power, cable and port"),
+            0 => format!(
+                "{awaited} within {timeout:?}, no bytes at all: check power, cable and port"
+            ),
             bytes => format!(
                 "{awaited} within {timeout:?}, {bytes} bytes that mean nothing: check the bit rate \
                  (open at {baud} bit/s, the factory's is 230400)"
@@ -342,7 +347,12 @@ impl Device for BotaSerial {
     }
 
     fn handle_timeout(&mut self, now: HostTime) {
-        let Config { baud, temperature_compensation, silence_timeout, .. } = self.config;
+        let Config {
+            baud,
+            temperature_compensation,
+            silence_timeout,
+            ..
+        } = self.config;
         match self.state {
             State::Idle => self.start(now),
             State::Waiting(until) if now >= until => self.start(now),
@@ -356,14 +366,27 @@ impl Device for BotaSerial {
             State::Draining { quiet_at, .. } if now >= quiet_at => {
                 self.framer.clear();
                 self.unread_bytes = 0;
-                self.ask(Command::CommSetup { temperature_compensation, calibration: true, baud }, now);
+                self.ask(
+                    Command::CommSetup {
+                        temperature_compensation,
+                        calibration: true,
+                        baud,
+                    },
+                    now,
+                );
             }
             State::Listening(deadline) if now >= deadline => {
                 let timeout = self.config.ack_timeout;
-                self.lose(format!("no sample within {timeout:?}: is the sensor set up and running?"), now);
+                self.lose(
+                    format!("no sample within {timeout:?}: is the sensor set up and running?"),
+                    now,
+                );
             }
             State::Streaming(deadline) if now >= deadline => {
-                self.lose(format!("no sample for {silence_timeout:?}: check power and cable"), now);
+                self.lose(
+                    format!("no sample for {silence_timeout:?}: check power and cable"),
+                    now,
+                );
             }
             _ => {}
         }
@@ -372,8 +395,14 @@ impl Device for BotaSerial {
     fn poll_timeout(&self) -> Option<HostTime> {
         let state = match self.state {
             State::Idle => HostTime::EPOCH,
-            State::Draining { quiet_at, give_up_at } => quiet_at.min(give_up_at),
-            State::Asking(_, at) | State::Listening(at) | State::Streaming(at) | State::Waiting(at) => at,
+            State::Draining {
+                quiet_at,
+                give_up_at,
+            } => quiet_at.min(give_up_at),
+            State::Asking(_, at)
+            | State::Listening(at)
+            | State::Streaming(at)
+            | State::Waiting(at) => at,
         };
         Some(self.outbox.due().map_or(state, |due| due.min(state)))
     }

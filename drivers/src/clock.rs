@@ -26,8 +26,13 @@ impl MonotonicClock {
     #[must_use]
     #[allow(clippy::disallowed_methods, reason = "this is the clock")]
     pub fn anchored_now() -> Self {
-        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Self { started: Instant::now(), anchor: HostTime::EPOCH + since_epoch }
+        let since_epoch = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .unwrap_or_default();
+        Self {
+            started: Instant::now(),
+            anchor: HostTime::EPOCH + since_epoch,
+        }
     }
 
     /// The real-time instant at which the clock was anchored.
@@ -62,7 +67,9 @@ impl SteppedClock {
     /// A clock that stands at `start`.
     #[must_use]
     pub fn new(start: HostTime) -> Self {
-        Self { now: Arc::new(AtomicI64::new(start.as_nanos())) }
+        Self {
+            now: Arc::new(AtomicI64::new(start.as_nanos())),
+        }
     }
 
     /// Moves the clock on to `instant`; an earlier one is ignored.

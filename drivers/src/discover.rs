@@ -41,17 +41,43 @@ pub enum LatencyTimer {
 
 const fn ftdi(product: u16, name: &'static str) -> UsbIdentity {
     let (attachment, latency_timer) = (Attachment::Serial, LatencyTimer::Settable);
-    UsbIdentity { vendor: 0x0403, product, name, driver: "ftdi_sio", attachment, latency_timer }
+    UsbIdentity {
+        vendor: 0x0403,
+        product,
+        name,
+        driver: "ftdi_sio",
+        attachment,
+        latency_timer,
+    }
 }
 
-const fn serial(vendor: u16, product: u16, name: &'static str, driver: &'static str) -> UsbIdentity {
+const fn serial(
+    vendor: u16,
+    product: u16,
+    name: &'static str,
+    driver: &'static str,
+) -> UsbIdentity {
     let (attachment, latency_timer) = (Attachment::Serial, LatencyTimer::None);
-    UsbIdentity { vendor, product, name, driver, attachment, latency_timer }
+    UsbIdentity {
+        vendor,
+        product,
+        name,
+        driver,
+        attachment,
+        latency_timer,
+    }
 }
 
 const fn can(vendor: u16, product: u16, name: &'static str, driver: &'static str) -> UsbIdentity {
     let (attachment, latency_timer) = (Attachment::CanInterface, LatencyTimer::None);
-    UsbIdentity { vendor, product, name, driver, attachment, latency_timer }
+    UsbIdentity {
+        vendor,
+        product,
+        name,
+        driver,
+        attachment,
+        latency_timer,
+    }
 }
 
 /// Identities of supported devices. Bota and Robotous cables and the usual Dynamixel adapter are FTDI converters whose
@@ -80,7 +106,9 @@ pub const IDENTITIES: &[UsbIdentity] = &[
 /// The supported device with this identity.
 #[must_use]
 pub fn identity(vendor: u16, product: u16) -> Option<&'static UsbIdentity> {
-    IDENTITIES.iter().find(|identity| (identity.vendor, identity.product) == (vendor, product))
+    IDENTITIES
+        .iter()
+        .find(|identity| (identity.vendor, identity.product) == (vendor, product))
 }
 
 /// A serial port on USB.
@@ -117,8 +145,16 @@ impl FoundPort {
 impl fmt::Display for FoundPort {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let path = self.by_id.as_ref().unwrap_or(&self.path);
-        let known = self.identity().map_or("not a known identity", |identity| identity.name);
-        write!(f, "{}  {:04x}:{:04x}  {known}", path.display(), self.vendor, self.product)?;
+        let known = self
+            .identity()
+            .map_or("not a known identity", |identity| identity.name);
+        write!(
+            f,
+            "{}  {:04x}:{:04x}  {known}",
+            path.display(),
+            self.vendor,
+            self.product
+        )?;
         for text in [&self.manufacturer, &self.product_name, &self.serial_number] {
             if !text.is_empty() {
                 write!(f, "  {text}")?;
@@ -126,7 +162,10 @@ impl fmt::Display for FoundPort {
         }
         match self.latency_timer_ms {
             Some(ms) if ms > 1 => {
-                write!(f, "  latency timer {ms} ms: samples come in bursts, install the rules of udev/")
+                write!(
+                    f,
+                    "  latency timer {ms} ms: samples come in bursts, install the rules of udev/"
+                )
             }
             _ => Ok(()),
         }
@@ -146,10 +185,18 @@ pub struct CanInterface {
 
 impl fmt::Display for CanInterface {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let driver = if self.driver.is_empty() { "virtual" } else { &self.driver };
+        let driver = if self.driver.is_empty() {
+            "virtual"
+        } else {
+            &self.driver
+        };
         write!(f, "{}  {driver}", self.name)?;
         if !self.up {
-            write!(f, "  down: ip link set {} up type can bitrate 1000000 restart-ms 100", self.name)?;
+            write!(
+                f,
+                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100",
+                self.name
+            )?;
         }
         Ok(())
     }
@@ -175,7 +222,13 @@ pub fn latency_timer_ms(port: &Path) -> Option<u32> {
 }
 
 fn latency_timer_in(sys: &Path, tty: &str) -> Option<u32> {
-    text(&sys.join("bus/usb-serial/devices").join(tty).join("latency_timer")).parse().ok()
+    text(
+        &sys.join("bus/usb-serial/devices")
+            .join(tty)
+            .join("latency_timer"),
+    )
+    .parse()
+    .ok()
 }
 
 fn serial_ports_in(sys: &Path, dev: &Path) -> Vec<FoundPort> {
@@ -183,7 +236,9 @@ fn serial_ports_in(sys: &Path, dev: &Path) -> Vec<FoundPort> {
         .into_iter()
         .filter_map(|tty| {
             let device = fs::canonicalize(sys.join("class/tty").join(&tty).join("device")).ok()?;
-            let usb = device.ancestors().find(|ancestor| ancestor.join("idVendor").is_file())?;
+            let usb = device
+                .ancestors()
+                .find(|ancestor| ancestor.join("idVendor").is_file())?;
             let hex = |name: &str| u16::from_str_radix(&text(&usb.join(name)), 16).ok();
             let path = dev.join(&tty);
             Some(FoundPort {
@@ -227,26 +282,39 @@ fn can_interfaces_in(sys: &Path) -> Vec<CanInterface> {
 
 fn names_in(directory: &Path) -> Vec<String> {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
-    entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
+    entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .collect()
 }
 
 fn text(file: &Path) -> String {
-    fs::read_to_string(file).map(|text| text.trim().to_owned()).unwrap_or_default()
+    fs::read_to_string(file)
+        .map(|text| text.trim().to_owned())
+        .unwrap_or_default()
 }
 
 /// The driver of a device directory, or of the nearest directory above it that has one.
 fn driver_of(device: &Path) -> String {
     let device = fs::canonicalize(device).unwrap_or_default();
-    let driver = device.ancestors().find_map(|ancestor| fs::read_link(ancestor.join("driver")).ok());
-    driver.and_then(|driver| driver.file_name()?.to_str().map(str::to_owned)).unwrap_or_default()
+    let driver = device
+        .ancestors()
+        .find_map(|ancestor| fs::read_link(ancestor.join("driver")).ok());
+    driver
+        .and_then(|driver| driver.file_name()?.to_str().map(str::to_owned))
+        .unwrap_or_default()
 }
 
 /// The symbolic link in `directory` that leads to `node`.
 fn link_to(directory: &Path, node: &Path) -> Option<PathBuf> {
     let node = fs::canonicalize(node).ok()?;
-    let mut links: Vec<_> = names_in(directory).into_iter().map(|name| directory.join(name)).collect();
+    let mut links: Vec<_> = names_in(directory)
+        .into_iter()
+        .map(|name| directory.join(name))
+        .collect();
     links.sort();
-    links.into_iter().find(|link| fs::canonicalize(link).is_ok_and(|target| target == node))
+    links
+        .into_iter()
+        .find(|link| fs::canonicalize(link).is_ok_and(|target| target == node))
 }
 
 #[cfg(test)]

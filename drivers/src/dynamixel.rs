@@ -15,6 +15,8 @@
 //! # Source
 //! hardware.md 3.1, see [`ft_wire::dynamixel2`]; linkage of the Hoi! gripper: hardware.md 1.
 
+mod linkage;
+
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -23,6 +25,8 @@ use ft_wire::dynamixel2::{
     self as wire, COUNTS_PER_TURN, Packet, PresentState, StatusError, VELOCITY_UNIT_RPM, address,
 };
 use ft_wire::{Chunk, DecodeError, HostTime};
+
+pub use linkage::Linkage;
 
 use crate::device::{Counted, Device};
 use crate::framer::{Found, Framer};
@@ -34,43 +38,6 @@ use crate::reading::{Counts, DeviceEvent, Identity, Reading, SampleInstant, Widt
 const QUIET: Duration = Duration::from_millis(20);
 /// How often a question is asked during set-up.
 const ATTEMPTS: u8 = 3;
-
-/// From the actuator's angle to the jaw opening: two crank-and-rod halves that move against each other.
-///
-/// `alpha = angle - zero_angle`, `x = crank cos(alpha) + sqrt(rod^2 - (crank sin(alpha))^2)`, `width = 2 x`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Linkage {
-    /// Actuator's angle at which the cranks point outwards, rad.
-    pub zero_angle_rad: f64,
-    /// Crank, m.
-    pub crank_m: f64,
-    /// Connecting rod, m; longer than the crank.
-    pub rod_m: f64,
-}
-
-impl Linkage {
-    /// The Hoi! gripper: 64 deg, 38 mm, 44.4 mm.
-    pub const HOI: Self = Self { zero_angle_rad: 64.0 * TAU / 360.0, crank_m: 0.038, rod_m: 0.0444 };
-
-    /// Jaw opening, m, at the actuator's angle, rad.
-    #[must_use]
-    pub fn width_m(&self, angle_rad: f64) -> f64 {
-        let (sin, cos) = (angle_rad - self.zero_angle_rad).sin_cos();
-        2.0 * (self.crank_m * cos + self.reach(sin))
-    }
-
-    /// Change of the jaw opening with the angle, m/rad.
-    #[must_use]
-    pub fn width_slope_m_per_rad(&self, angle_rad: f64) -> f64 {
-        let (sin, cos) = (angle_rad - self.zero_angle_rad).sin_cos();
-        let reach = self.reach(sin).max(f64::MIN_POSITIVE);
-        -2.0 * self.crank_m * sin * (1.0 + self.crank_m * cos / reach)
-    }
-
-    fn reach(&self, sin: f64) -> f64 {
-        (self.rod_m.powi(2) - (self.crank_m * sin).powi(2)).max(0.0).sqrt()
-    }
-}
 
 /// How to poll the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,11 +82,20 @@ enum Question {
 enum State {
     Idle,
     Draining(HostTime),
-    Asking { question: Question, attempt: u8, deadline: HostTime },
+    Asking {
+        question: Question,
+        attempt: u8,
+        deadline: HostTime,
+    },
     /// Between two reads.
-    Pausing { next: HostTime },
+    Pausing {
+        next: HostTime,
+    },
     /// A read is out; the one after it is due at `next`.
-    Reading { deadline: HostTime, next: HostTime },
+    Reading {
+        deadline: HostTime,
+        next: HostTime,
+    },
     Listening,
     Waiting(HostTime),
 }
@@ -173,19 +149,39 @@ impl Dynamixel {
             Question::Ping => Some(Packet::ping(id)),
             Question::TorqueOff => Packet::write(id, address::TORQUE_ENABLE, &[0]),
         };
-        self.state = State::Asking { question, attempt, deadline: now + self.config.answer_timeout };
+        self.state = State::Asking {
+            question,
+            attempt,
+            deadline: now + self.config.answer_timeout,
+        };
     }
 
     fn read(&mut self, due: HostTime, now: HostTime) {
         self.framer.discard();
-        self.outgoing = Some(Packet::read(self.config.id, address::PRESENT_STATE, wire::PRESENT_STATE_LEN));
+        self.outgoing = Some(Packet::read(
+            self.config.id,
+            address::PRESENT_STATE,
+            wire::PRESENT_STATE_LEN,
+        ));
         // Reads that are overdue are left out, not caught up.
         let on_time = due + self.config.period;
-        let next = if on_time > now { on_time } else { now + self.config.period };
-        self.state = State::Reading { deadline: now + self.config.answer_timeout, next };
+        let next = if on_time > now {
+            on_time
+        } else {
+            now + self.config.period
+        };
+        self.state = State::Reading {
+            deadline: now + self.config.answer_timeout,
+            next,
+        };
     }
 
-    fn on_status(&mut self, error: StatusError, params: &[u8], at: HostTime) -> Result<(), DecodeError> {
+    fn on_status(
+        &mut self,
+        error: StatusError,
+        params: &[u8],
+        at: HostTime,
+    ) -> Result<(), DecodeError> {
         match self.state {
             State::Asking { question, .. } => {
                 self.on_answer(question, error, params, at);
@@ -197,7 +193,10 @@ impl Dynamixel {
                 self.state = State::Pausing { next };
                 Ok(())
             }
-            State::Listening => self.on_state(error, params, at),
+            // Answers to what others ask have other lengths.
+            State::Listening if params.len() == usize::from(wire::PRESENT_STATE_LEN) => {
+                self.on_state(error, params, at)
+            }
             // An answer after its time: its sample was counted as a gap.
             _ => Ok(()),
         }
@@ -205,7 +204,11 @@ impl Dynamixel {
 
     fn on_answer(&mut self, question: Question, error: StatusError, params: &[u8], at: HostTime) {
         if error.code() != 0 {
-            let reason = format!("id {} refused {question:?} with error {}", self.config.id, error.code());
+            let reason = format!(
+                "id {} refused {question:?} with error {}",
+                self.config.id,
+                error.code()
+            );
             return self.lose(reason, at);
         }
         match (question, params) {
@@ -225,12 +228,25 @@ impl Dynamixel {
         }
     }
 
-    fn on_state(&mut self, error: StatusError, params: &[u8], arrival: HostTime) -> Result<(), DecodeError> {
+    fn on_state(
+        &mut self,
+        error: StatusError,
+        params: &[u8],
+        arrival: HostTime,
+    ) -> Result<(), DecodeError> {
         let state = PresentState::decode(params)?;
         if error != StatusError(0) && self.warned != Some(error) {
             self.warned = Some(error);
-            let alert = if error.hardware_alert() { ", hardware alert (address 70 says which)" } else { "" };
-            let text = format!("id {} answers with error {}{alert}", self.config.id, error.code());
+            let alert = if error.hardware_alert() {
+                ", hardware alert (address 70 says which)"
+            } else {
+                ""
+            };
+            let text = format!(
+                "id {} answers with error {}{alert}",
+                self.config.id,
+                error.code()
+            );
             self.tell(DeviceEvent::Warning { text }, arrival);
         }
         if !core::mem::replace(&mut self.streaming, true) {
@@ -242,7 +258,10 @@ impl Dynamixel {
         let rate_rad_s = f64::from(state.velocity) * VELOCITY_UNIT_RPM * TAU / 60.0;
         self.received += 1;
         self.readings.push_back(Reading::Width(WidthReading {
-            at: SampleInstant { arrival, device_ns: None },
+            at: SampleInstant {
+                arrival,
+                device_ns: None,
+            },
             width_m: linkage.width_m(angle_rad),
             width_rate_m_s: linkage.width_slope_m_per_rad(angle_rad) * rate_rad_s,
             counts: state.position,
@@ -257,7 +276,9 @@ impl Dynamixel {
             self.state = State::Pausing { next };
             return;
         }
-        let Config { id, answer_timeout, .. } = self.config;
+        let Config {
+            id, answer_timeout, ..
+        } = self.config;
         let unanswered = self.unanswered;
         self.lose(
             format!(
@@ -322,12 +343,18 @@ impl Device for Dynamixel {
             State::Idle => self.start(now),
             State::Waiting(until) if now >= until => self.start(now),
             State::Draining(until) if now >= until => self.ask(Question::Ping, 1, now),
-            State::Asking { question, attempt, deadline } if now >= deadline => {
+            State::Asking {
+                question,
+                attempt,
+                deadline,
+            } if now >= deadline => {
                 if attempt < ATTEMPTS {
                     self.framer.clear();
                     return self.ask(question, attempt + 1, now);
                 }
-                let Config { id, answer_timeout, .. } = self.config;
+                let Config {
+                    id, answer_timeout, ..
+                } = self.config;
                 self.lose(
                     format!(
                         "id {id} left {question:?} unanswered for {answer_timeout:?}, {ATTEMPTS} times: check power, \
@@ -337,7 +364,9 @@ impl Device for Dynamixel {
                 );
             }
             State::Pausing { next } if now >= next => self.read(next, now),
-            State::Reading { deadline, next } if now >= deadline => self.on_unanswered_read(next, now),
+            State::Reading { deadline, next } if now >= deadline => {
+                self.on_unanswered_read(next, now)
+            }
             _ => {}
         }
     }

@@ -33,7 +33,15 @@ pub(crate) enum Found<T> {
 
 impl Framer {
     pub(crate) const fn new() -> Self {
-        Self { bytes: [0; ROOM], start: 0, end: 0, locked: false, counting: false, refused: 0, skipped: 0 }
+        Self {
+            bytes: [0; ROOM],
+            start: 0,
+            end: 0,
+            locked: false,
+            counting: false,
+            refused: 0,
+            skipped: 0,
+        }
     }
 
     /// Appends what a link delivered. Every byte that `next` can use up must have been used up before.
@@ -81,7 +89,9 @@ impl Framer {
                 }
                 Ok(Parsed::Incomplete) => return Found::Nothing,
                 Err(error) => {
-                    let Some(byte) = rest.first() else { return Found::Nothing };
+                    let Some(byte) = rest.first() else {
+                        return Found::Nothing;
+                    };
                     skipped(*byte);
                     self.start += 1;
                     self.skipped += u64::from(self.counting);
@@ -103,8 +113,14 @@ mod tests {
     fn decode(bytes: &[u8]) -> Result<Parsed<u8>, DecodeError> {
         match bytes {
             [] | [0x7E] => Ok(Parsed::Incomplete),
-            [0x7E, value, ..] if *value < 0x80 => Ok(Parsed::Complete { value: *value, used: 2 }),
-            [first, ..] => Err(DecodeError::Field { name: "first", value: (*first).into() }),
+            [0x7E, value, ..] if *value < 0x80 => Ok(Parsed::Complete {
+                value: *value,
+                used: 2,
+            }),
+            [first, ..] => Err(DecodeError::Field {
+                name: "first",
+                value: (*first).into(),
+            }),
         }
     }
 
@@ -132,7 +148,10 @@ mod tests {
     fn one_broken_frame_counts_once_however_long_the_search_is() {
         let mut framer = Framer::new();
         framer.begin_counting();
-        assert_eq!(run(&mut framer, &[0x7E, 1, 0x7E, 0x90, 0, 0, 0, 0x7E, 2]), (vec![1, 2], 1));
+        assert_eq!(
+            run(&mut framer, &[0x7E, 1, 0x7E, 0x90, 0, 0, 0, 0x7E, 2]),
+            (vec![1, 2], 1)
+        );
         assert_eq!((framer.refused, framer.skipped), (1, 5));
     }
 

@@ -50,13 +50,17 @@ pub enum LinkError {
         port: String,
     },
     /// The permission is missing.
-    #[error("{port} may not be opened by this user: install the rules of udev/ or join the group that owns it")]
+    #[error(
+        "{port} may not be opened by this user: install the rules of udev/ or join the group that owns it"
+    )]
     Denied {
         /// The port as it was opened.
         port: String,
     },
     /// There is no such port.
-    #[error("{port} does not exist: check the cable and the name (`ft-capture devices` lists what is there)")]
+    #[error(
+        "{port} does not exist: check the cable and the name (`ft-capture devices` lists what is there)"
+    )]
     NotFound {
         /// The port as it was opened.
         port: String,
@@ -68,7 +72,9 @@ pub enum LinkError {
         port: String,
     },
     /// The CAN controller went off the bus after too many errors.
-    #[error("{port} went bus-off: check bit rate, termination and wiring; without restart-ms it stays off")]
+    #[error(
+        "{port} went bus-off: check bit rate, termination and wiring; without restart-ms it stays off"
+    )]
     BusOff {
         /// The interface.
         port: String,

@@ -38,8 +38,11 @@ impl Outbox {
             return None;
         }
         let rest = self.waiting.as_slice().get(self.sent..)?;
-        let (chunk, taken) =
-            if self.pace.is_zero() { Chunk::take_from(rest) } else { Chunk::take_from(rest.get(..1)?) };
+        let (chunk, taken) = if self.pace.is_zero() {
+            Chunk::take_from(rest)
+        } else {
+            Chunk::take_from(rest.get(..1)?)
+        };
         self.sent += taken;
         self.next_at = now + self.pace;
         Some(chunk)

@@ -29,7 +29,9 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { silence_timeout: Duration::from_secs(1) }
+        Self {
+            silence_timeout: Duration::from_secs(1),
+        }
     }
 }
 
@@ -85,14 +87,19 @@ impl PoseStream {
                 return;
             }
             Seen::Restarted { was_ns } => {
-                let text =
-                    format!("the tracker's clock went from {was_ns} ns to {} ns: it restarted", sample.tracking_ns);
+                let text = format!(
+                    "the tracker's clock went from {was_ns} ns to {} ns: it restarted",
+                    sample.tracking_ns
+                );
                 self.tell(DeviceEvent::Warning { text }, arrival);
             }
         }
         self.received += 1;
         self.readings.push_back(Reading::Pose(PoseReading {
-            at: SampleInstant { arrival, device_ns: Some(sample.tracking_ns) },
+            at: SampleInstant {
+                arrival,
+                device_ns: Some(sample.tracking_ns),
+            },
             pose: Pose::new(sample.position, sample.quaternion),
             quality_score: sample.quality_score,
         }));
@@ -103,7 +110,9 @@ impl PoseStream {
         let reason = if unread == 0 {
             format!("no pose for {silence:?}, no bytes at all: is the tracker's program running?")
         } else {
-            format!("no pose for {silence:?}, {unread} bytes that are no pose: is it the right port and bit rate?")
+            format!(
+                "no pose for {silence:?}, {unread} bytes that are no pose: is it the right port and bit rate?"
+            )
         };
         self.tell(DeviceEvent::Lost { reason }, now);
         self.framer.clear();
@@ -142,7 +151,9 @@ impl Device for PoseStream {
                 self.tell(DeviceEvent::Starting, now);
                 self.state = State::Listening(now + self.config.silence_timeout);
             }
-            State::Listening(deadline) | State::Streaming(deadline) if now >= deadline => self.lose(now),
+            State::Listening(deadline) | State::Streaming(deadline) if now >= deadline => {
+                self.lose(now)
+            }
             _ => {}
         }
     }

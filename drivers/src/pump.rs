@@ -81,7 +81,10 @@ where
         outlet: &mut impl Outlet<D::Frame>,
     ) -> Result<Turn, LinkError> {
         self.transmit(clock.now())?;
-        let until = self.device.poll_timeout().map_or(deadline, |timeout| timeout.min(deadline));
+        let until = self
+            .device
+            .poll_timeout()
+            .map_or(deadline, |timeout| timeout.min(deadline));
         let (turn, read_up_to) = match self.link.recv(until)? {
             None => (Turn::Idle, until),
             Some((frame, stamps)) => {
@@ -93,7 +96,11 @@ where
             }
         };
         let now = clock.now().max(read_up_to);
-        if self.device.poll_timeout().is_some_and(|timeout| timeout <= read_up_to) {
+        if self
+            .device
+            .poll_timeout()
+            .is_some_and(|timeout| timeout <= read_up_to)
+        {
             self.device.handle_timeout(now);
             self.drain(outlet);
         }

@@ -19,15 +19,19 @@
 //! # Source
 //! hardware.md 2.2, see [`ft_wire::robotous_rft`].
 
+mod config;
+
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use ft_wire::robotous_rft::{
-    self as wire, Command, FilterSetting, Outcome, Record, Response, Text, model_named,
+    self as wire, Command, FilterSetting, Outcome, Record, Response, Text,
 };
 use ft_wire::{HostTime, Wrench};
 
-use crate::options::{Sign, Startup};
+pub use config::{Config, Filter, Scale};
+
+use crate::options::Startup;
 use crate::reading::{DeviceEvent, Identity, Quality, Reading, SampleInstant, WrenchReading};
 
 /// Silence that ends the draining of a stopped stream.
@@ -37,77 +41,18 @@ const DRAIN_LIMIT: Duration = Duration::from_millis(500);
 /// How often a command is sent before the sensor counts as lost.
 const ATTEMPTS: u8 = 3;
 
-/// Raw counts per unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scale {
-    /// DF: counts per N.
-    pub counts_per_newton: f64,
-    /// DT: counts per N m.
-    pub counts_per_newton_metre: f64,
-}
-
-impl Scale {
-    /// The manual's scale of a model, such as `RFT64-SB01`.
-    #[must_use]
-    pub fn of_model(name: &str) -> Option<Self> {
-        let model = model_named(name)?;
-        Some(Self { counts_per_newton: model.df, counts_per_newton_metre: model.dt })
-    }
-}
-
-/// The sensor's own filter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Filter {
-    /// None.
-    Off,
-    /// First-order low pass; 500, 300, 200, 150, 100, 50, 40, 30, 20, 10, 5, 3, 2 or 1 Hz.
-    LowPass {
-        /// Cut-off, Hz.
-        cut_off_hz: u16,
-    },
-}
-
-/// How to set the sensor up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Output rate, Hz: 10, 20, 50, 100, 200, 333, 500 or 1000. Default 200, which every model and bit rate allows.
-    pub rate_hz: u16,
-    /// Filter. Default off: the host filters wrench and pose alike.
-    pub filter: Filter,
-    /// Scale. Default 50 counts/N and 2000 counts/(N m), RFT40 and RFT60.
-    pub scale: Scale,
-    /// Which side's wrench the sensor reports. Default environment on tool; unconfirmed on hardware.
-    pub sign: Sign,
-    /// Set the sensor up, or only listen. Default set up.
-    pub startup: Startup,
-    /// Longest wait for an answer, of three attempts. Default 300 ms: storing a setting takes its time.
-    pub answer_timeout: Duration,
-    /// Silence after which the stream counts as lost. Default 500 ms.
-    pub silence_timeout: Duration,
-    /// Pause between being lost and the next attempt. Default 1 s.
-    pub retry_after: Duration,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            rate_hz: 200,
-            filter: Filter::Off,
-            scale: Scale { counts_per_newton: 50.0, counts_per_newton_metre: 2000.0 },
-            sign: Sign::default(),
-            startup: Startup::default(),
-            answer_timeout: Duration::from_millis(300),
-            silence_timeout: Duration::from_millis(500),
-            retry_after: Duration::from_secs(1),
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     Idle,
-    Draining { quiet_at: HostTime, give_up_at: HostTime },
-    Asking { command: Command, attempt: u8, deadline: HostTime },
+    Draining {
+        quiet_at: HostTime,
+        give_up_at: HostTime,
+    },
+    Asking {
+        command: Command,
+        attempt: u8,
+        deadline: HostTime,
+    },
     Listening(HostTime),
     Streaming(HostTime),
     Waiting(HostTime),
@@ -204,7 +149,13 @@ impl Protocol {
         }
         match wire::rate_code(self.config.rate_hz) {
             Some(wanted) => self.ask(Command::SetRate(wanted), at),
-            None => self.lose(format!("rate_hz = {} is none of the sensor's rates", self.config.rate_hz), at),
+            None => self.lose(
+                format!(
+                    "rate_hz = {} is none of the sensor's rates",
+                    self.config.rate_hz
+                ),
+                at,
+            ),
         }
     }
 
@@ -217,7 +168,10 @@ impl Protocol {
             Filter::LowPass { cut_off_hz } => FilterSetting::low_pass(cut_off_hz),
         };
         match wanted {
-            None => self.lose(format!("{:?} is none of the sensor's filters", self.config.filter), at),
+            None => self.lose(
+                format!("{:?} is none of the sensor's filters", self.config.filter),
+                at,
+            ),
             // Without filter the code means nothing.
             Some(wanted) if setting == wanted || (wanted.kind == 0 && setting.kind == 0) => {
                 self.ask(Command::Start, at);
@@ -227,17 +181,26 @@ impl Protocol {
     }
 
     fn on_outcome(&mut self, outcome: Outcome, at: HostTime) {
-        let State::Asking { command, .. } = self.state else { return };
+        let State::Asking { command, .. } = self.state else {
+            return;
+        };
         if outcome.result == 1 {
             return self.answered(command, at);
         }
-        self.lose(format!("the sensor refused {command:?}: {}", outcome.error_text()), at);
+        self.lose(
+            format!("the sensor refused {command:?}: {}", outcome.error_text()),
+            at,
+        );
     }
 
     fn on_record(&mut self, record: Record, arrival: HostTime) {
         match self.state {
             State::Streaming(_) => {}
-            State::Asking { command: Command::Start, .. } | State::Listening(_) => {
+            State::Asking {
+                command: Command::Start,
+                ..
+            }
+            | State::Listening(_) => {
                 self.outgoing = None;
                 self.tell(DeviceEvent::Streaming, arrival);
             }
@@ -246,17 +209,29 @@ impl Protocol {
         }
         self.state = State::Streaming(arrival + self.config.silence_timeout);
         self.warn_of(record.overload, arrival);
-        let Scale { counts_per_newton, counts_per_newton_metre } = self.config.scale;
+        let Scale {
+            counts_per_newton,
+            counts_per_newton_metre,
+        } = self.config.scale;
         let wrench = Wrench::new(
             record.force.map(|raw| f64::from(raw) / counts_per_newton),
-            record.torque.map(|raw| f64::from(raw) / counts_per_newton_metre),
+            record
+                .torque
+                .map(|raw| f64::from(raw) / counts_per_newton_metre),
         );
         self.received += 1;
         self.readings.push_back(Reading::Wrench(WrenchReading {
-            at: SampleInstant { arrival, device_ns: None },
+            at: SampleInstant {
+                arrival,
+                device_ns: None,
+            },
             wrench: self.config.sign.apply(wrench),
             temperature_celsius: None,
-            quality: if record.overload == 0 { Quality::Good } else { Quality::Overrange },
+            quality: if record.overload == 0 {
+                Quality::Good
+            } else {
+                Quality::Overrange
+            },
             status_bits: record.overload.into(),
         }));
     }
@@ -266,9 +241,23 @@ impl Protocol {
         let fresh = overload & !self.warned;
         if fresh != 0 {
             self.warned |= fresh;
-            let axes = [(0x20, "Fx"), (0x10, "Fy"), (0x08, "Fz"), (0x04, "Tx"), (0x02, "Ty"), (0x01, "Tz")];
-            let names: Vec<_> = axes.iter().filter(|(bit, _)| fresh & bit != 0).map(|(_, name)| *name).collect();
-            let text = format!("{} beyond 120 % of the rated load: unload the sensor", names.join(" "));
+            let axes = [
+                (0x20, "Fx"),
+                (0x10, "Fy"),
+                (0x08, "Fz"),
+                (0x04, "Tx"),
+                (0x02, "Ty"),
+                (0x01, "Tz"),
+            ];
+            let names: Vec<_> = axes
+                .iter()
+                .filter(|(bit, _)| fresh & bit != 0)
+                .map(|(_, name)| *name)
+                .collect();
+            let text = format!(
+                "{} beyond 120 % of the rated load: unload the sensor",
+                names.join(" ")
+            );
             self.tell(DeviceEvent::Warning { text }, at);
         }
     }
@@ -320,7 +309,11 @@ impl Protocol {
 
     fn attempt(&mut self, command: Command, attempt: u8, now: HostTime) {
         self.outgoing = Some(command);
-        self.state = State::Asking { command, attempt, deadline: now + self.config.answer_timeout };
+        self.state = State::Asking {
+            command,
+            attempt,
+            deadline: now + self.config.answer_timeout,
+        };
     }
 
     fn start(&mut self, now: HostTime) {
@@ -339,7 +332,10 @@ impl Protocol {
     fn stop(&mut self, now: HostTime) {
         self.stops += 1;
         self.outgoing = Some(Command::Stop);
-        self.state = State::Draining { quiet_at: now + QUIET, give_up_at: now + DRAIN_LIMIT };
+        self.state = State::Draining {
+            quiet_at: now + QUIET,
+            give_up_at: now + DRAIN_LIMIT,
+        };
     }
 
     fn lose(&mut self, reason: String, now: HostTime) {
@@ -356,7 +352,11 @@ impl Protocol {
     }
 
     pub(crate) fn handle_timeout(&mut self, now: HostTime) {
-        let Config { answer_timeout, silence_timeout, .. } = self.config;
+        let Config {
+            answer_timeout,
+            silence_timeout,
+            ..
+        } = self.config;
         match self.state {
             State::Idle => self.start(now),
             State::Waiting(until) if now >= until => self.start(now),
@@ -364,13 +364,23 @@ impl Protocol {
                 if self.stops < ATTEMPTS {
                     self.stop(now);
                 } else {
-                    self.lose(format!("Stop was sent {ATTEMPTS} times, frames still come: {}", self.checks), now);
+                    self.lose(
+                        format!(
+                            "Stop was sent {ATTEMPTS} times, frames still come: {}",
+                            self.checks
+                        ),
+                        now,
+                    );
                 }
             }
             State::Draining { quiet_at, .. } if now >= quiet_at => {
                 self.ask(Command::ReadModel, now);
             }
-            State::Asking { command, attempt, deadline } if now >= deadline => {
+            State::Asking {
+                command,
+                attempt,
+                deadline,
+            } if now >= deadline => {
                 if attempt < ATTEMPTS {
                     self.attempt(command, attempt + 1, now);
                 } else {
@@ -385,7 +395,10 @@ impl Protocol {
                 }
             }
             State::Listening(deadline) | State::Streaming(deadline) if now >= deadline => {
-                self.lose(format!("no sample for {silence_timeout:?}: {}", self.checks), now);
+                self.lose(
+                    format!("no sample for {silence_timeout:?}: {}", self.checks),
+                    now,
+                );
             }
             _ => {}
         }
@@ -394,8 +407,15 @@ impl Protocol {
     pub(crate) const fn poll_timeout(&self) -> HostTime {
         match self.state {
             State::Idle => HostTime::EPOCH,
-            State::Draining { quiet_at, give_up_at } => {
-                if quiet_at.as_nanos() < give_up_at.as_nanos() { quiet_at } else { give_up_at }
+            State::Draining {
+                quiet_at,
+                give_up_at,
+            } => {
+                if quiet_at.as_nanos() < give_up_at.as_nanos() {
+                    quiet_at
+                } else {
+                    give_up_at
+                }
             }
             State::Asking { deadline, .. } => deadline,
             State::Listening(at) | State::Streaming(at) | State::Waiting(at) => at,

@@ -1,8 +1,9 @@
 //! Robotous RFT sensors on CAN, 1 Mbit/s.
 //!
 //! A response is two frames; they carry nothing that says they belong together. The second half must be the next frame
-//! of the sensor and come within [`Config::pairing_timeout`]: halves of different samples never join. A first half
-//! without its second is one refused frame; a second half without a first is skipped.
+//! of the sensor and be stamped within [`Config::pairing_timeout`]: halves of different samples never join. A first half
+//! without its second is one refused frame, counted when the next frame comes or the stream is lost; a second half without
+//! a first is skipped. A host that reads late loses nothing, because only stamps are compared.
 //!
 //! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
 
@@ -26,7 +27,7 @@ pub struct Config {
     pub sensor: robotous::Config,
     /// CAN ids. Default 0x64 to the sensor, 0x01 and 0x02 from it.
     pub ids: CanIds,
-    /// Longest time between the halves of a response. Default 5 ms; on the wire it is 0.13 ms.
+    /// Longest time between the stamps of the halves of a response. Default 5 ms; on the wire it is 0.13 ms.
     pub pairing_timeout: Duration,
 }
 
@@ -55,7 +56,13 @@ impl RobotousCan {
     #[must_use]
     pub fn new(config: Config) -> Self {
         let protocol = Protocol::new(config.sensor, CHECKS);
-        Self { config, protocol, first: None, refused: 0, skipped: 0 }
+        Self {
+            config,
+            protocol,
+            first: None,
+            refused: 0,
+            skipped: 0,
+        }
     }
 
     /// Counts a frame that is lost to us, once samples flow.
@@ -116,23 +123,22 @@ impl Device for RobotousCan {
     }
 
     fn handle_timeout(&mut self, now: HostTime) {
-        if let Some((_, first_at)) = self.first
-            && now.saturating_since(first_at) > self.config.pairing_timeout
-        {
-            self.first = None;
-            self.refuse();
-        }
+        let was_streaming = self.protocol.is_streaming();
         self.protocol.handle_timeout(now);
+        if was_streaming && !self.protocol.is_streaming() {
+            self.refused += u64::from(self.first.take().is_some());
+        }
     }
 
     fn poll_timeout(&self) -> Option<HostTime> {
-        let pairing = self.first.map(|(_, at)| at + self.config.pairing_timeout + Duration::from_nanos(1));
-        let protocol = self.protocol.poll_timeout();
-        Some(pairing.map_or(protocol, |pairing| pairing.min(protocol)))
+        Some(self.protocol.poll_timeout())
     }
 
     fn poll_transmit(&mut self, _now: HostTime) -> Option<CanFrame> {
-        Some(wire::command_frame(self.config.ids, self.protocol.poll_transmit()?))
+        Some(wire::command_frame(
+            self.config.ids,
+            self.protocol.poll_transmit()?,
+        ))
     }
 
     fn poll_reading(&mut self) -> Option<Reading> {

@@ -28,7 +28,10 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { sensor: robotous::Config::default(), baud_bps: 115_200 }
+        Self {
+            sensor: robotous::Config::default(),
+            baud_bps: 115_200,
+        }
     }
 }
 
@@ -45,17 +48,22 @@ impl RobotousUart {
     pub fn new(config: Config) -> Self {
         let mut protocol = Protocol::new(config.sensor, CHECKS);
         protocol.warn_at_start(too_fast(&config));
-        Self { protocol, framer: Framer::new() }
+        Self {
+            protocol,
+            framer: Framer::new(),
+        }
     }
 }
 
 fn too_fast(config: &Config) -> Option<String> {
     let (baud, rate) = (config.baud_bps, config.sensor.rate_hz);
     match wire::max_rate_hz_at(baud) {
-        None => Some(format!("baud_bps = {baud} is none of the sensor's bit rates")),
-        Some(max) if rate > max => {
-            Some(format!("rate_hz = {rate} is more than the {max} Hz that the manual allows at {baud} bit/s"))
-        }
+        None => Some(format!(
+            "baud_bps = {baud} is none of the sensor's bit rates"
+        )),
+        Some(max) if rate > max => Some(format!(
+            "rate_hz = {rate} is more than the {max} Hz that the manual allows at {baud} bit/s"
+        )),
         Some(_) => None,
     }
 }

@@ -66,7 +66,10 @@ impl Sequence {
 
     /// Forgets the stream, after a restart or a pause; the count stays.
     pub(crate) fn forget(&mut self) {
-        *self = Self { gaps: self.gaps, ..Self::new() };
+        *self = Self {
+            gaps: self.gaps,
+            ..Self::new()
+        };
     }
 
     /// Takes the stamp of a sample.
@@ -94,12 +97,19 @@ impl Sequence {
     }
 
     fn older(&mut self, device_ns: i64) -> Seen {
-        if self.recent.iter().take(self.recent_len).any(|seen| *seen == device_ns) {
+        if self
+            .recent
+            .iter()
+            .take(self.recent_len)
+            .any(|seen| *seen == device_ns)
+        {
             return Seen::Duplicate;
         }
         self.remember(device_ns);
         // It was counted as missing when the later one came.
-        self.gaps = self.gaps.saturating_sub(u64::from(self.period_ns.is_some()));
+        self.gaps = self
+            .gaps
+            .saturating_sub(u64::from(self.period_ns.is_some()));
         Seen::Late
     }
 
@@ -132,9 +142,15 @@ impl Sequence {
         if self.intervals_len == LEARNED_FROM {
             let mut sorted = self.intervals;
             sorted.sort_unstable();
-            let median = sorted.get(LEARNED_FROM / 2).map_or(1.0, |step| *step as f64);
+            let median = sorted
+                .get(LEARNED_FROM / 2)
+                .map_or(1.0, |step| *step as f64);
             self.period_ns = Some(median);
-            self.gaps += self.intervals.iter().map(|step| missing(*step, median)).sum::<u64>();
+            self.gaps += self
+                .intervals
+                .iter()
+                .map(|step| missing(*step, median))
+                .sum::<u64>();
         }
     }
 }
@@ -173,7 +189,10 @@ mod tests {
         let mut sequence = Sequence::new();
         feed(&mut sequence, (0..30).chain([31]));
         assert_eq!(sequence.gaps(), 1);
-        assert_eq!(feed(&mut sequence, [30, 30, 31]), [Seen::Late, Seen::Duplicate, Seen::Duplicate]);
+        assert_eq!(
+            feed(&mut sequence, [30, 30, 31]),
+            [Seen::Late, Seen::Duplicate, Seen::Duplicate]
+        );
         assert_eq!(sequence.gaps(), 0);
     }
 
@@ -183,7 +202,10 @@ mod tests {
         feed(&mut sequence, 5_000..5_100);
         let restarted = sequence.observe(10 * MS, HostTime::from_nanos(5_200 * MS));
         assert_eq!(restarted, Seen::Restarted { was_ns: 5_099 * MS });
-        assert_eq!(sequence.observe(11 * MS, HostTime::from_nanos(5_201 * MS)), Seen::New);
+        assert_eq!(
+            sequence.observe(11 * MS, HostTime::from_nanos(5_201 * MS)),
+            Seen::New
+        );
         assert_eq!(sequence.gaps(), 0);
     }
 

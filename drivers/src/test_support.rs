@@ -20,7 +20,12 @@ impl<D: Device<Reading = Reading>> Bench<D> {
     /// A bench at second 1000 of the host clock.
     pub(crate) fn new(device: D) -> Self {
         let now = HostTime::from_nanos(1_000_000_000_000);
-        Self { device, now, sent: Vec::new(), readings: Vec::new() }
+        Self {
+            device,
+            now,
+            sent: Vec::new(),
+            readings: Vec::new(),
+        }
     }
 
     fn collect(&mut self) {
@@ -59,7 +64,10 @@ impl<D: Device<Reading = Reading>> Bench<D> {
     pub(crate) fn advance_until(&mut self, done: impl Fn(&Self) -> bool) -> Duration {
         let start = self.now;
         while !done(self) {
-            assert!(self.now.saturating_since(start) < Duration::from_secs(60), "it never happens");
+            assert!(
+                self.now.saturating_since(start) < Duration::from_secs(60),
+                "it never happens"
+            );
             self.advance_ms(1);
         }
         self.now.saturating_since(start)
@@ -67,7 +75,9 @@ impl<D: Device<Reading = Reading>> Bench<D> {
 
     /// A frame arrives now.
     pub(crate) fn frame(&mut self, frame: &D::Frame) -> Result<(), DecodeError> {
-        let result = self.device.handle_frame(frame, RxStamps { arrival: self.now });
+        let result = self
+            .device
+            .handle_frame(frame, RxStamps { arrival: self.now });
         self.collect();
         result
     }
@@ -123,6 +133,9 @@ impl<D: Device<Frame = Chunk, Reading = Reading>> Bench<D> {
 
     /// Everything sent since the last call, joined.
     pub(crate) fn take_sent(&mut self) -> Vec<u8> {
-        self.sent.drain(..).flat_map(|(_, chunk)| chunk.as_slice().to_vec()).collect()
+        self.sent
+            .drain(..)
+            .flat_map(|(_, chunk)| chunk.as_slice().to_vec())
+            .collect()
     }
 }

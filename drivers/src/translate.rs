@@ -151,8 +151,14 @@ impl OneWay {
         if let Some(newest) = self.newest {
             at = at.max(newest.translated.at);
         }
-        let translated = Translated { at: at.min(arrival), spread: self.spread() };
-        self.newest = Some(Newest { device_ns, translated });
+        let translated = Translated {
+            at: at.min(arrival),
+            spread: self.spread(),
+        };
+        self.newest = Some(Newest {
+            device_ns,
+            translated,
+        });
         translated
     }
 
@@ -161,7 +167,10 @@ impl OneWay {
     pub fn status(&self) -> Option<ClockStatus> {
         let (line, newest) = (self.line?, self.newest?);
         Some(ClockStatus {
-            offset_ns: self.delayed(line.at(newest.device_ns)).as_nanos().saturating_sub(newest.device_ns),
+            offset_ns: self
+                .delayed(line.at(newest.device_ns))
+                .as_nanos()
+                .saturating_sub(newest.device_ns),
             skew_ppm: line.slope * 1e6,
             spread_ns: i64::try_from(newest.translated.spread.as_nanos()).unwrap_or(i64::MAX),
             observations: self.observations,
@@ -173,7 +182,10 @@ impl OneWay {
             Some(line) if device_ns < newest.device_ns => self.delayed(line.at(device_ns)),
             _ => newest.translated.at,
         };
-        Translated { at: at.min(newest.translated.at).min(arrival), ..newest.translated }
+        Translated {
+            at: at.min(newest.translated.at).min(arrival),
+            ..newest.translated
+        }
     }
 
     fn delayed(&self, host_ns: i64) -> HostTime {
@@ -181,7 +193,9 @@ impl OneWay {
     }
 
     fn restarted(&mut self, device_ns: i64, arrival: HostTime) -> bool {
-        let (Some(line), Some(newest)) = (self.line, self.newest) else { return false };
+        let (Some(line), Some(newest)) = (self.line, self.newest) else {
+            return false;
+        };
         let threshold = nanos(self.config.restart_threshold);
         if device_ns < newest.device_ns.saturating_sub(threshold) {
             return true;
@@ -226,7 +240,8 @@ impl OneWay {
     fn spread(&self) -> Duration {
         let n = self.active.observations() as f64;
         let expected = nanos(self.config.expected_jitter) as f64;
-        let jitter = (self.mean_residual_ns * n + expected * PRIOR_OBSERVATIONS) / (n + PRIOR_OBSERVATIONS);
+        let jitter =
+            (self.mean_residual_ns * n + expected * PRIOR_OBSERVATIONS) / (n + PRIOR_OBSERVATIONS);
         // The envelope nears the true line as more samples come; the edge's slope, over half a window, doubles its variance.
         let envelope = jitter * (2.0 / n.max(1.0)).sqrt();
         // A skew that is not yet believed may be anywhere within its bound.

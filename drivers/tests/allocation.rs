@@ -49,7 +49,8 @@ impl Outlet<Chunk> for Translate {
     fn reading(&mut self, reading: Reading) {
         if let Reading::Wrench(reading) = reading {
             self.samples += 1;
-            self.translator.observe(reading.at.device_ns.unwrap_or_default(), reading.at.arrival);
+            self.translator
+                .observe(reading.at.device_ns.unwrap_or_default(), reading.at.arrival);
             if self.samples == 100 {
                 self.settled_at = ALLOCATIONS.with(Cell::get);
             }
@@ -73,14 +74,25 @@ fn a_stream_that_runs_allocates_nothing() {
     };
     let clock = SteppedClock::new(HostTime::EPOCH);
     let link = ReplayLink::new(clock.clone(), (0..100_000).map(frame));
-    let device = BotaSerial::new(Config { startup: Startup::Listen, ..Config::default() });
+    let device = BotaSerial::new(Config {
+        startup: Startup::Listen,
+        ..Config::default()
+    });
     let mut pump = Pump::new(device, link);
-    let mut outlet = Translate { translator: OneWay::new(OneWayConfig::default()), samples: 0, settled_at: 0 };
+    let mut outlet = Translate {
+        translator: OneWay::new(OneWayConfig::default()),
+        samples: 0,
+        settled_at: 0,
+    };
     while pump.link().next_arrival().is_some() {
-        pump.turn(&clock, HostTime::FAR_FUTURE, &mut outlet).unwrap();
+        pump.turn(&clock, HostTime::FAR_FUTURE, &mut outlet)
+            .unwrap();
     }
     let after = ALLOCATIONS.with(Cell::get);
     assert_eq!(outlet.samples, 100_000);
-    assert!(outlet.settled_at > 0, "the counter counts: building the driver allocated");
+    assert!(
+        outlet.settled_at > 0,
+        "the counter counts: building the driver allocated"
+    );
     assert_eq!(after - outlet.settled_at, 0);
 }

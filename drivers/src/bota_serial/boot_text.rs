@@ -18,7 +18,13 @@ pub(super) struct BootText {
 
 impl BootText {
     pub(super) fn new() -> Self {
-        Self { line: [0; 64], len: 0, collected: Identity::default(), identity: None, booted: false }
+        Self {
+            line: [0; 64],
+            len: 0,
+            collected: Identity::default(),
+            identity: None,
+            booted: false,
+        }
     }
 
     pub(super) fn push(&mut self, byte: u8) {
@@ -45,7 +51,9 @@ impl BootText {
                 self.collected = Identity::default();
             }
             Some(BootLine::Name(name)) => name.clone_into(&mut self.collected.model),
-            Some(BootLine::SerialNumber(number)) => number.clone_into(&mut self.collected.serial_number),
+            Some(BootLine::SerialNumber(number)) => {
+                number.clone_into(&mut self.collected.serial_number)
+            }
             // The last line of the boot text.
             Some(BootLine::Firmware(version)) => {
                 version.clone_into(&mut self.collected.firmware);

@@ -3,6 +3,7 @@ use crate::clock::SteppedClock;
 use crate::link::Link;
 use crate::link::faults::{FaultRates, FaultyLink};
 use crate::link::replay::ReplayLink;
+use crate::options::Sign;
 use crate::pump::{Outlet, Pump};
 use crate::reading::Identity;
 use crate::test_support::Bench;
@@ -28,7 +29,10 @@ fn bench() -> Bench<BotaSerial> {
 }
 
 fn listening() -> Bench<BotaSerial> {
-    Bench::new(BotaSerial::new(Config { startup: Startup::Listen, ..Config::default() }))
+    Bench::new(BotaSerial::new(Config {
+        startup: Startup::Listen,
+        ..Config::default()
+    }))
 }
 
 /// Waits for a command and acknowledges it.
@@ -39,11 +43,16 @@ fn acknowledge(bench: &mut Bench<BotaSerial>, expected: &str) {
         text.extend(bench.take_sent());
         if text == expected.as_bytes() {
             let letter = char::from(text[0]);
-            bench.bytes(format!("r,0,{letter},0\r\n").as_bytes()).unwrap();
+            bench
+                .bytes(format!("r,0,{letter},0\r\n").as_bytes())
+                .unwrap();
             return;
         }
     }
-    panic!("{expected} was awaited, got {}", String::from_utf8_lossy(&text));
+    panic!(
+        "{expected} was awaited, got {}",
+        String::from_utf8_lossy(&text)
+    );
 }
 
 /// Takes a driver to streaming by the book.
@@ -53,7 +62,10 @@ fn streaming() -> Bench<BotaSerial> {
         acknowledge(&mut bench, command);
     }
     bench.bytes(&frame(0)).unwrap();
-    assert_eq!(bench.events(), [DeviceEvent::Starting, DeviceEvent::Streaming]);
+    assert_eq!(
+        bench.events(),
+        [DeviceEvent::Starting, DeviceEvent::Streaming]
+    );
     bench
 }
 
@@ -68,12 +80,29 @@ fn feed(bench: &mut Bench<BotaSerial>, indices: impl IntoIterator<Item = u32>) {
 #[test]
 fn set_up_by_the_book_ends_in_samples() {
     let bench = streaming();
-    let [reading] = bench.wrenches()[..] else { panic!() };
-    assert_eq!(reading.wrench.to_array(), [1.0, -2.0, 3.5, 0.5, -0.25, 0.125]);
+    let [reading] = bench.wrenches()[..] else {
+        panic!()
+    };
+    assert_eq!(
+        reading.wrench.to_array(),
+        [1.0, -2.0, 3.5, 0.5, -0.25, 0.125]
+    );
     assert_eq!(reading.temperature_celsius, Some(25.0));
-    assert_eq!(reading.at, SampleInstant { arrival: bench.now, device_ns: Some(0) });
+    assert_eq!(
+        reading.at,
+        SampleInstant {
+            arrival: bench.now,
+            device_ns: Some(0)
+        }
+    );
     assert_eq!(reading.quality, Quality::Good);
-    assert_eq!(bench.device.counts(), Counts { received: 1, ..Counts::default() });
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 1,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -81,8 +110,11 @@ fn characters_leave_5_ms_apart() {
     let mut bench = bench();
     acknowledge(&mut bench, "C");
     bench.advance_until(|bench| bench.sent.len() == 9);
-    let steps: Vec<_> =
-        bench.sent.windows(2).map(|pair| pair[1].0.saturating_since(pair[0].0).as_millis()).collect();
+    let steps: Vec<_> = bench
+        .sent
+        .windows(2)
+        .map(|pair| pair[1].0.saturating_since(pair[0].0).as_millis())
+        .collect();
     assert_eq!(steps, [5; 8]);
     assert_eq!(bench.take_sent(), b"c,0,1,0,4");
 }
@@ -108,7 +140,13 @@ fn a_stream_still_running_is_stopped_and_drained_and_not_delivered() {
     }
     feed(&mut bench, 100..103);
     assert_eq!(bench.wrenches().len(), 3);
-    assert_eq!(bench.device.counts(), Counts { received: 3, ..Counts::default() });
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 3,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -133,7 +171,10 @@ fn bytes_that_mean_nothing_point_at_the_bit_rate() {
     }
     bench.advance_ms(2_000);
     let complaint = &bench.complaints()[0];
-    assert!(complaint.contains("150 bytes that mean nothing: check the bit rate"), "{complaint}");
+    assert!(
+        complaint.contains("150 bytes that mean nothing: check the bit rate"),
+        "{complaint}"
+    );
 }
 
 #[test]
@@ -161,7 +202,11 @@ fn an_acknowledged_run_without_samples_is_lost() {
         acknowledge(&mut bench, command);
     }
     bench.advance_ms(2_000);
-    assert!(bench.complaints()[0].starts_with("no sample within 2s"), "{:?}", bench.complaints());
+    assert!(
+        bench.complaints()[0].starts_with("no sample within 2s"),
+        "{:?}",
+        bench.complaints()
+    );
 }
 
 #[test]
@@ -171,7 +216,10 @@ fn a_refused_setting_is_named_with_its_code() {
     acknowledge(&mut bench, "c,0,1,0,4");
     bench.advance_ms(100);
     bench.bytes(b"r,0,f,3\r\n").unwrap();
-    assert_eq!(bench.complaints(), ["the sensor refused `f,64,0,0,1` with code 3"]);
+    assert_eq!(
+        bench.complaints(),
+        ["the sensor refused `f,64,0,0,1` with code 3"]
+    );
 }
 
 #[test]
@@ -179,7 +227,11 @@ fn a_sensor_that_acknowledges_but_does_not_stop_is_lost() {
     let mut bench = bench();
     acknowledge(&mut bench, "C");
     feed(&mut bench, 0..900);
-    assert!(bench.complaints()[0].contains("streams on"), "{:?}", bench.complaints());
+    assert!(
+        bench.complaints()[0].contains("streams on"),
+        "{:?}",
+        bench.complaints()
+    );
 }
 
 #[test]
@@ -195,7 +247,13 @@ fn a_stream_that_falls_silent_is_lost_and_set_up_again() {
     feed(&mut bench, 5_000..5_100);
     assert_eq!(bench.wrenches().len(), 200);
     // The pause is a loss of the stream, told as such, and no gap in it.
-    assert_eq!(bench.device.counts(), Counts { received: 200, ..Counts::default() });
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 200,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -208,9 +266,23 @@ fn chunks_cut_anywhere_give_the_same_samples() {
         for chunk in stream.chunks(size) {
             bench.bytes(chunk).unwrap();
         }
-        let stamps: Vec<_> = bench.wrenches().iter().filter_map(|reading| reading.at.device_ns).collect();
-        assert_eq!(stamps, (0..40).map(|index| index * 1_250_000).collect::<Vec<i64>>(), "chunks of {size}");
-        assert_eq!(bench.device.counts(), Counts { received: 40, ..Counts::default() });
+        let stamps: Vec<_> = bench
+            .wrenches()
+            .iter()
+            .filter_map(|reading| reading.at.device_ns)
+            .collect();
+        assert_eq!(
+            stamps,
+            (0..40).map(|index| index * 1_250_000).collect::<Vec<i64>>(),
+            "chunks of {size}"
+        );
+        assert_eq!(
+            bench.device.counts(),
+            Counts {
+                received: 40,
+                ..Counts::default()
+            }
+        );
     }
 }
 
@@ -220,11 +292,17 @@ fn one_flipped_bit_costs_one_frame() {
     feed(&mut bench, 1..50);
     let mut broken = frame(50);
     broken[10] ^= 0x40;
-    assert!(matches!(bench.bytes(&broken), Err(DecodeError::Checksum { .. })));
+    assert!(matches!(
+        bench.bytes(&broken),
+        Err(DecodeError::Checksum { .. })
+    ));
     bench.advance(Duration::from_micros(u64::from(PERIOD_US)));
     feed(&mut bench, 51..60);
     let counts = bench.device.counts();
-    assert_eq!((counts.received, counts.refused, counts.gaps, counts.skipped), (59, 1, 1, 37));
+    assert_eq!(
+        (counts.received, counts.refused, counts.gaps, counts.skipped),
+        (59, 1, 1, 37)
+    );
 }
 
 #[test]
@@ -248,10 +326,25 @@ fn the_sensors_clock_unwraps() {
     let last = u32::MAX - 500;
     for timestamp_us in [last - PERIOD_US, last, last.wrapping_add(PERIOD_US)] {
         bench.advance(Duration::from_micros(PERIOD_US.into()));
-        bench.bytes(&wire::encode(&Sample { timestamp_us, ..sample(0) })).unwrap();
+        bench
+            .bytes(&wire::encode(&Sample {
+                timestamp_us,
+                ..sample(0)
+            }))
+            .unwrap();
     }
-    let stamps: Vec<_> = bench.wrenches().iter().filter_map(|reading| reading.at.device_ns).collect();
-    assert_eq!(stamps.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>(), [1_250_000; 2]);
+    let stamps: Vec<_> = bench
+        .wrenches()
+        .iter()
+        .filter_map(|reading| reading.at.device_ns)
+        .collect();
+    assert_eq!(
+        stamps
+            .windows(2)
+            .map(|pair| pair[1] - pair[0])
+            .collect::<Vec<_>>(),
+        [1_250_000; 2]
+    );
     assert_eq!(bench.complaints(), Vec::<String>::new());
 }
 
@@ -261,8 +354,15 @@ fn a_clock_that_begins_anew_is_told_and_followed() {
     feed(&mut bench, 1..5_000);
     bench.advance_ms(400);
     feed(&mut bench, 40..100);
-    assert!(bench.complaints()[0].contains("it restarted"), "{:?}", bench.complaints());
-    assert_eq!(bench.wrenches().last().unwrap().at.device_ns, Some(99 * 1_250_000));
+    assert!(
+        bench.complaints()[0].contains("it restarted"),
+        "{:?}",
+        bench.complaints()
+    );
+    assert_eq!(
+        bench.wrenches().last().unwrap().at.device_ns,
+        Some(99 * 1_250_000)
+    );
     assert_eq!(bench.device.counts().gaps, 0);
 }
 
@@ -276,7 +376,11 @@ fn boot_text_tells_who_is_there_and_that_it_restarted() {
         serial_number: "000123".to_owned(),
         firmware: "1.2.3".to_owned(),
     };
-    assert!(bench.events().contains(&DeviceEvent::Identified(identity)), "{:?}", bench.events());
+    assert!(
+        bench.events().contains(&DeviceEvent::Identified(identity)),
+        "{:?}",
+        bench.events()
+    );
     assert!(bench.complaints()[0].contains("the sensor restarted"));
     bench.advance_ms(1_000);
     assert_eq!(bench.take_sent(), b"C");
@@ -287,11 +391,23 @@ fn status_bits_set_the_quality_and_warn_once_each() {
     let mut bench = streaming();
     for (index, bits) in [(1, 0), (2, 2), (3, 2), (4, 4), (5, 9)] {
         bench.advance(Duration::from_micros(PERIOD_US.into()));
-        bench.bytes(&wire::encode(&Sample { status: Status(bits), ..sample(index) })).unwrap();
+        bench
+            .bytes(&wire::encode(&Sample {
+                status: Status(bits),
+                ..sample(index)
+            }))
+            .unwrap();
     }
     use Quality::{Good, Invalid, Overrange};
-    let qualities: Vec<_> = bench.wrenches().iter().map(|reading| reading.quality).collect();
-    assert_eq!(qualities, [Good, Good, Overrange, Overrange, Invalid, Invalid]);
+    let qualities: Vec<_> = bench
+        .wrenches()
+        .iter()
+        .map(|reading| reading.quality)
+        .collect();
+    assert_eq!(
+        qualities,
+        [Good, Good, Overrange, Overrange, Invalid, Invalid]
+    );
     assert_eq!(bench.wrenches()[5].status_bits, 9);
     let complaints = bench.complaints();
     assert_eq!(complaints.len(), 4, "{complaints:?}");
@@ -300,11 +416,18 @@ fn status_bits_set_the_quality_and_warn_once_each() {
 
 #[test]
 fn the_sign_turns_on_request() {
-    let config = Config { sign: Sign::ToolOnEnvironment, startup: Startup::Listen, ..Config::default() };
+    let config = Config {
+        sign: Sign::ToolOnEnvironment,
+        startup: Startup::Listen,
+        ..Config::default()
+    };
     let mut bench = Bench::new(BotaSerial::new(config));
     bench.advance_ms(1);
     bench.bytes(&frame(0)).unwrap();
-    assert_eq!(bench.wrenches()[0].wrench.to_array(), [-1.0, 2.0, -3.5, -0.5, 0.25, -0.125]);
+    assert_eq!(
+        bench.wrenches()[0].wrench.to_array(),
+        [-1.0, 2.0, -3.5, -0.5, 0.25, -0.125]
+    );
 }
 
 #[test]
@@ -317,6 +440,22 @@ fn a_listener_sends_nothing_and_tells_silence_once() {
     assert_eq!(bench.wrenches().len(), 1);
 }
 
+#[test]
+fn a_listener_takes_a_set_up_by_others_for_a_pause_and_no_gap() {
+    let mut bench = listening();
+    bench.advance_ms(1);
+    feed(&mut bench, 0..50);
+    bench.bytes(b"r,0,C,0\r\n").unwrap();
+    bench.advance_ms(125);
+    bench.bytes(b"r,0,R,0\r\n").unwrap();
+    feed(&mut bench, 150..200);
+    let counts = bench.device.counts();
+    assert_eq!(
+        (counts.received, counts.gaps, bench.complaints().len()),
+        (100, 0, 0)
+    );
+}
+
 struct Ignore(Vec<Reading>);
 
 impl Outlet<Chunk> for Ignore {
@@ -327,14 +466,22 @@ impl Outlet<Chunk> for Ignore {
 }
 
 /// Runs `frames` of a stream through a faulty link, one chunk each, and returns the counts and the faults.
-fn through_faults(rates: FaultRates, seed: u64, frames: u32) -> (Counts, crate::link::faults::Injected) {
+fn through_faults(
+    rates: FaultRates,
+    seed: u64,
+    frames: u32,
+) -> (Counts, crate::link::faults::Injected) {
     let stamped = |index: u32| {
-        let arrival = HostTime::from_nanos(i64::from(index) * i64::from(PERIOD_US) * 1_000 + 1_000_000_000);
+        let arrival =
+            HostTime::from_nanos(i64::from(index) * i64::from(PERIOD_US) * 1_000 + 1_000_000_000);
         (Chunk::new(&frame(index)).unwrap(), RxStamps { arrival })
     };
     let clock = SteppedClock::new(HostTime::EPOCH);
     let replay = ReplayLink::new(clock.clone(), (0..frames).map(stamped));
-    let device = BotaSerial::new(Config { startup: Startup::Listen, ..Config::default() });
+    let device = BotaSerial::new(Config {
+        startup: Startup::Listen,
+        ..Config::default()
+    });
     let mut pump = Pump::new(device, FaultyLink::new(replay, rates, seed));
     let mut outlet = Ignore(Vec::new());
     while pump.turn(&clock, HostTime::FAR_FUTURE, &mut outlet).is_ok() {}
@@ -344,7 +491,14 @@ fn through_faults(rates: FaultRates, seed: u64, frames: u32) -> (Counts, crate::
 #[test]
 fn counted_loss_equals_injected_loss() {
     for seed in 1..=5 {
-        let (counts, injected) = through_faults(FaultRates { loss: 0.02, ..FaultRates::default() }, seed, 20_000);
+        let (counts, injected) = through_faults(
+            FaultRates {
+                loss: 0.02,
+                ..FaultRates::default()
+            },
+            seed,
+            20_000,
+        );
         assert!(injected.lost > 300, "{injected:?}");
         assert_eq!(counts.gaps, injected.lost, "seed {seed}");
         assert_eq!(counts.received + injected.lost, 20_000);
@@ -354,13 +508,19 @@ fn counted_loss_equals_injected_loss() {
 
 #[test]
 fn every_flipped_bit_is_one_refused_frame_and_one_gap() {
-    let rates = FaultRates { bit_flip: 0.01, ..FaultRates::default() };
+    let rates = FaultRates {
+        bit_flip: 0.01,
+        ..FaultRates::default()
+    };
     let (counts, injected) = through_faults(rates, 6, 20_000);
     assert!(injected.flipped > 100, "{injected:?}");
     assert_eq!(counts.received + injected.flipped, 20_000);
     assert_eq!(counts.gaps, injected.flipped);
     // Two broken frames in a row are one search.
-    assert!(counts.refused <= injected.flipped && counts.refused * 10 >= injected.flipped * 9, "{counts:?}");
+    assert!(
+        counts.refused <= injected.flipped && counts.refused * 10 >= injected.flipped * 9,
+        "{counts:?}"
+    );
 }
 
 #[test]
@@ -373,19 +533,45 @@ fn duplicates_reordering_cuts_joins_and_stalls_lose_nothing() {
         ..FaultRates::default()
     };
     let (counts, injected) = through_faults(rates, 7, 20_000);
-    assert!(injected.duplicated > 100 && injected.reordered > 100 && injected.stalls > 5, "{injected:?}");
+    assert!(
+        injected.duplicated > 100 && injected.reordered > 100 && injected.stalls > 5,
+        "{injected:?}"
+    );
     assert_eq!(counts.received, 20_000);
     assert_eq!((counts.duplicated, counts.gaps), (injected.duplicated, 0));
-    let rates = FaultRates { split: 0.3, merge: 0.3, ..FaultRates::default() };
+    let rates = FaultRates {
+        split: 0.3,
+        merge: 0.3,
+        ..FaultRates::default()
+    };
     let (counts, injected) = through_faults(rates, 8, 20_000);
-    assert!(injected.split > 1_000 && injected.merged > 1_000, "{injected:?}");
-    assert_eq!(counts, Counts { received: 20_000, ..Counts::default() });
+    assert!(
+        injected.split > 1_000 && injected.merged > 1_000,
+        "{injected:?}"
+    );
+    assert_eq!(
+        counts,
+        Counts {
+            received: 20_000,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
 fn a_faulty_link_sends_untouched() {
-    let replay = ReplayLink::new(SteppedClock::new(HostTime::EPOCH), Vec::<(Chunk, RxStamps)>::new());
-    let mut link = FaultyLink::new(replay, FaultRates { loss: 1.0, ..FaultRates::default() }, 1);
+    let replay = ReplayLink::new(
+        SteppedClock::new(HostTime::EPOCH),
+        Vec::<(Chunk, RxStamps)>::new(),
+    );
+    let mut link = FaultyLink::new(
+        replay,
+        FaultRates {
+            loss: 1.0,
+            ..FaultRates::default()
+        },
+        1,
+    );
     link.send(&Chunk::new(b"C").unwrap()).unwrap();
     assert_eq!(link.inner().sent(), 1);
 }

@@ -19,13 +19,20 @@ fn identities_in_rules(wanted: impl Fn(&str) -> bool) -> BTreeSet<(u16, u16)> {
 }
 
 fn identities(wanted: impl Fn(&UsbIdentity) -> bool) -> BTreeSet<(u16, u16)> {
-    IDENTITIES.iter().filter(|identity| wanted(identity)).map(|found| (found.vendor, found.product)).collect()
+    IDENTITIES
+        .iter()
+        .filter(|identity| wanted(identity))
+        .map(|found| (found.vendor, found.product))
+        .collect()
 }
 
 #[test]
 fn rules_give_access_to_exactly_the_serial_identities() {
     let allowed = identities_in_rules(|line| line.contains("SUBSYSTEM==\"tty\""));
-    assert_eq!(allowed, identities(|identity| identity.attachment == Attachment::Serial));
+    assert_eq!(
+        allowed,
+        identities(|identity| identity.attachment == Attachment::Serial)
+    );
 }
 
 #[test]
@@ -41,14 +48,19 @@ fn rules_set_the_latency_timer_where_there_is_one() {
         .filter(|line| !line.starts_with('#') && line.contains("ATTR{latency_timer}=\"1\""))
         .filter_map(|line| line.split_once("DRIVER==\"")?.1.split('"').next())
         .collect();
-    let settable = IDENTITIES.iter().filter(|identity| identity.latency_timer == LatencyTimer::Settable);
+    let settable = IDENTITIES
+        .iter()
+        .filter(|identity| identity.latency_timer == LatencyTimer::Settable);
     assert_eq!(drivers, settable.map(|identity| identity.driver).collect());
 }
 
 #[test]
 fn no_identity_is_there_twice() {
     assert_eq!(identities(|_| true).len(), IDENTITIES.len());
-    assert_eq!(identity(0x0403, 0x6014).map(|found| found.driver), Some("ftdi_sio"));
+    assert_eq!(
+        identity(0x0403, 0x6014).map(|found| found.driver),
+        Some("ftdi_sio")
+    );
     assert_eq!(identity(0x0403, 0xFFFF), None);
 }
 
@@ -92,24 +104,50 @@ fn a_usb_port_is_found_with_all_that_sysfs_says() {
     tree.file("sys/devices/usb1/1-2/product", "USB-Serial");
     tree.file("sys/devices/usb1/1-2/serial", "FT1234");
     tree.file("sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/latency_timer", "16");
-    tree.link("sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/driver", "sys/bus/usb-serial/drivers/ftdi_sio");
+    tree.link(
+        "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/driver",
+        "sys/bus/usb-serial/drivers/ftdi_sio",
+    );
     tree.file("sys/bus/usb-serial/drivers/ftdi_sio/x", "");
-    tree.link("sys/bus/usb-serial/devices/ttyUSB0", "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0");
-    tree.link("sys/class/tty/ttyUSB0/device", "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0");
+    tree.link(
+        "sys/bus/usb-serial/devices/ttyUSB0",
+        "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0",
+    );
+    tree.link(
+        "sys/class/tty/ttyUSB0/device",
+        "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0",
+    );
     tree.file("sys/devices/platform/serial8250/x", "");
-    tree.link("sys/class/tty/ttyS0/device", "sys/devices/platform/serial8250");
+    tree.link(
+        "sys/class/tty/ttyS0/device",
+        "sys/devices/platform/serial8250",
+    );
     tree.file("dev/ttyUSB0", "");
     tree.link("dev/serial/by-id/usb-FTDI_FT1234", "dev/ttyUSB0");
 
     let ports = serial_ports_in(&tree.0.join("sys"), &tree.0.join("dev"));
-    let [port] = ports.as_slice() else { panic!("{ports:?}") };
+    let [port] = ports.as_slice() else {
+        panic!("{ports:?}")
+    };
     assert_eq!(port.path, tree.0.join("dev/ttyUSB0"));
-    assert_eq!(port.by_id, Some(tree.0.join("dev/serial/by-id/usb-FTDI_FT1234")));
+    assert_eq!(
+        port.by_id,
+        Some(tree.0.join("dev/serial/by-id/usb-FTDI_FT1234"))
+    );
     assert_eq!((port.vendor, port.product), (0x0403, 0x6014));
-    assert_eq!((port.manufacturer.as_str(), port.serial_number.as_str()), ("FTDI", "FT1234"));
-    assert_eq!((port.driver.as_str(), port.latency_timer_ms), ("ftdi_sio", Some(16)));
+    assert_eq!(
+        (port.manufacturer.as_str(), port.serial_number.as_str()),
+        ("FTDI", "FT1234")
+    );
+    assert_eq!(
+        (port.driver.as_str(), port.latency_timer_ms),
+        ("ftdi_sio", Some(16))
+    );
     let shown = port.to_string();
-    assert!(shown.contains("0403:6014") && shown.contains("latency timer 16 ms"), "{shown}");
+    assert!(
+        shown.contains("0403:6014") && shown.contains("latency timer 16 ms"),
+        "{shown}"
+    );
 }
 
 #[test]
@@ -121,9 +159,16 @@ fn can_interfaces_are_told_by_their_type() {
     tree.file("sys/class/net/vcan0/flags", "0x400c1");
     tree.file("sys/class/net/eth0/type", "1");
     let found = can_interfaces_in(&tree.0.join("sys"));
-    let names: Vec<_> = found.iter().map(|interface| (interface.name.as_str(), interface.up)).collect();
+    let names: Vec<_> = found
+        .iter()
+        .map(|interface| (interface.name.as_str(), interface.up))
+        .collect();
     assert_eq!(names, [("can0", false), ("vcan0", true)]);
-    assert!(found[0].to_string().contains("ip link set can0 up"), "{}", found[0]);
+    assert!(
+        found[0].to_string().contains("ip link set can0 up"),
+        "{}",
+        found[0]
+    );
 }
 
 #[test]

@@ -23,7 +23,11 @@ fn flipped<const N: usize>(from: &[u8], bit: usize) -> ([u8; N], usize) {
     let mut bytes = [0; N];
     let mut len = 0;
     for (slot, byte) in bytes.iter_mut().zip(from) {
-        *slot = if len == bit / 8 { byte ^ (1 << (bit % 8)) } else { *byte };
+        *slot = if len == bit / 8 {
+            byte ^ (1 << (bit % 8))
+        } else {
+            *byte
+        };
         len += 1;
     }
     (bytes, len)
@@ -49,7 +53,9 @@ impl Spoil for Chunk {
         let (first, second) = (self.as_slice(), next.as_slice());
         let mut bytes = [0; Self::CAPACITY];
         let room = bytes.get_mut(..first.len() + second.len())?;
-        room.iter_mut().zip(first.iter().chain(second)).for_each(|(slot, byte)| *slot = *byte);
+        room.iter_mut()
+            .zip(first.iter().chain(second))
+            .for_each(|(slot, byte)| *slot = *byte);
         Some(Self::take_from(room).0)
     }
 }
@@ -170,7 +176,9 @@ impl<L: Link<Frame: Spoil>> FaultyLink<L> {
             self.injected.stalls += 1;
             self.stalled_until = stamps.arrival + self.rates.stall_for;
         }
-        let stamps = RxStamps { arrival: stamps.arrival.max(self.stalled_until) };
+        let stamps = RxStamps {
+            arrival: stamps.arrival.max(self.stalled_until),
+        };
         if self.random.chance(self.rates.loss) {
             self.injected.lost += 1;
             return;
@@ -187,7 +195,9 @@ impl<L: Link<Frame: Spoil>> FaultyLink<L> {
             None if self.random.chance(self.rates.reordering) => {
                 self.held = Some((Held::ToReorder(frame), stamps));
             }
-            None if self.random.chance(self.rates.merge) => self.held = Some((Held::ToMerge(frame), stamps)),
+            None if self.random.chance(self.rates.merge) => {
+                self.held = Some((Held::ToMerge(frame), stamps))
+            }
             None => self.push(frame, stamps),
             Some((Held::ToReorder(earlier), _)) => {
                 self.injected.reordered += 1;
@@ -232,7 +242,9 @@ impl<L: Link<Frame: Spoil>> FaultyLink<L> {
     }
 
     fn due(&self, by: HostTime) -> bool {
-        self.ready.front().is_some_and(|(_, stamps)| stamps.arrival <= by)
+        self.ready
+            .front()
+            .is_some_and(|(_, stamps)| stamps.arrival <= by)
     }
 }
 
@@ -244,12 +256,19 @@ impl<L: Link<Frame: Spoil>> Link for FaultyLink<L> {
             if self.due(self.latest) {
                 return Ok(self.ready.pop_front());
             }
-            let until = self.ready.front().map_or(deadline, |(_, stamps)| stamps.arrival.min(deadline));
+            let until = self
+                .ready
+                .front()
+                .map_or(deadline, |(_, stamps)| stamps.arrival.min(deadline));
             match self.link.recv(until) {
                 Ok(Some((frame, stamps))) => self.spoil(frame, stamps),
                 Ok(None) => {
                     self.release_held();
-                    return Ok(if self.due(deadline) { self.ready.pop_front() } else { None });
+                    return Ok(if self.due(deadline) {
+                        self.ready.pop_front()
+                    } else {
+                        None
+                    });
                 }
                 Err(error) => {
                     self.release_held();

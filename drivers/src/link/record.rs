@@ -62,9 +62,15 @@ mod tests {
     #[test]
     fn a_can_frame_has_the_kernels_layout() {
         let standard = CanFrame::standard(0x123, &[1, 2, 3]).unwrap();
-        assert_eq!(raw(&standard), [0x23, 0x01, 0, 0, 3, 0, 0, 0, 1, 2, 3, 0, 0, 0, 0, 0]);
+        assert_eq!(
+            raw(&standard),
+            [0x23, 0x01, 0, 0, 3, 0, 0, 0, 1, 2, 3, 0, 0, 0, 0, 0]
+        );
         let extended = CanFrame::extended(0x123, &[9; 8]).unwrap();
-        assert_eq!(raw(&extended), [0x23, 0x01, 0, 0x80, 8, 0, 0, 0, 9, 9, 9, 9, 9, 9, 9, 9]);
+        assert_eq!(
+            raw(&extended),
+            [0x23, 0x01, 0, 0x80, 8, 0, 0, 0, 9, 9, 9, 9, 9, 9, 9, 9]
+        );
         for frame in [standard, extended] {
             assert_eq!(CanFrame::from_raw(&raw(&frame)), Some(frame));
         }
@@ -73,8 +79,14 @@ mod tests {
     #[test]
     fn bytes_that_are_no_frame_are_refused() {
         assert_eq!(CanFrame::from_raw(&[0; 15]), None);
-        assert_eq!(CanFrame::from_raw(&[0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]), None);
-        assert_eq!(CanFrame::from_raw(&[0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]), None);
+        assert_eq!(
+            CanFrame::from_raw(&[0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]),
+            None
+        );
+        assert_eq!(
+            CanFrame::from_raw(&[0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]),
+            None
+        );
         assert_eq!(Chunk::from_raw(&[0; Chunk::CAPACITY + 1]), None);
     }
 

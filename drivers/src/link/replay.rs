@@ -18,13 +18,21 @@ pub struct ReplayLink<I: Iterator> {
 
 impl<F, I: Iterator<Item = (F, RxStamps)>> ReplayLink<I> {
     /// A link that delivers `frames`, which are in order of arrival, and moves `clock`, which begins at the first one.
-    pub fn new(clock: SteppedClock, frames: impl IntoIterator<IntoIter = I, Item = (F, RxStamps)>) -> Self {
+    pub fn new(
+        clock: SteppedClock,
+        frames: impl IntoIterator<IntoIter = I, Item = (F, RxStamps)>,
+    ) -> Self {
         let mut frames = frames.into_iter();
         let next = frames.next();
         if let Some((_, stamps)) = &next {
             clock.advance_to(stamps.arrival);
         }
-        Self { clock, frames, next, sent: 0 }
+        Self {
+            clock,
+            frames,
+            next,
+            sent: 0,
+        }
     }
 
     /// When the next frame comes; `None` after the last one.
@@ -43,7 +51,9 @@ impl<F, I: Iterator<Item = (F, RxStamps)>> Link for ReplayLink<I> {
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(F, RxStamps)>, LinkError> {
         let Some((frame, stamps)) = self.next.take() else {
-            return Err(LinkError::Gone { port: "replay".to_owned() });
+            return Err(LinkError::Gone {
+                port: "replay".to_owned(),
+            });
         };
         if stamps.arrival > deadline {
             self.next = Some((frame, stamps));
@@ -67,7 +77,9 @@ mod tests {
     use crate::clock::Clock;
 
     fn at(ns: i64) -> RxStamps {
-        RxStamps { arrival: HostTime::from_nanos(ns) }
+        RxStamps {
+            arrival: HostTime::from_nanos(ns),
+        }
     }
 
     #[test]
@@ -75,12 +87,24 @@ mod tests {
         let clock = SteppedClock::new(HostTime::EPOCH);
         let mut link = ReplayLink::new(clock.clone(), [('a', at(100)), ('b', at(300))]);
         assert_eq!(clock.now(), HostTime::from_nanos(100));
-        assert_eq!(link.recv(HostTime::from_nanos(200)).unwrap(), Some(('a', at(100))));
+        assert_eq!(
+            link.recv(HostTime::from_nanos(200)).unwrap(),
+            Some(('a', at(100)))
+        );
         assert_eq!(link.recv(HostTime::from_nanos(200)).unwrap(), None);
-        assert_eq!((clock.now(), link.next_arrival()), (HostTime::from_nanos(200), Some(HostTime::from_nanos(300))));
+        assert_eq!(
+            (clock.now(), link.next_arrival()),
+            (HostTime::from_nanos(200), Some(HostTime::from_nanos(300)))
+        );
         link.send(&'x').unwrap();
-        assert_eq!(link.recv(HostTime::FAR_FUTURE).unwrap(), Some(('b', at(300))));
+        assert_eq!(
+            link.recv(HostTime::FAR_FUTURE).unwrap(),
+            Some(('b', at(300)))
+        );
         assert_eq!((clock.now(), link.sent()), (HostTime::from_nanos(300), 1));
-        assert!(matches!(link.recv(HostTime::FAR_FUTURE), Err(LinkError::Gone { .. })));
+        assert!(matches!(
+            link.recv(HostTime::FAR_FUTURE),
+            Err(LinkError::Gone { .. })
+        ));
     }
 }

@@ -30,7 +30,9 @@ pub struct SerialLink {
 
 impl fmt::Debug for SerialLink {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SerialLink").field("name", &self.name).finish_non_exhaustive()
+        f.debug_struct("SerialLink")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
     }
 }
 
@@ -43,12 +45,19 @@ impl SerialLink {
     pub fn open(path: &Path, baud_bps: u32, clock: MonotonicClock) -> Result<Self, LinkError> {
         let name = path.display().to_string();
         let open = || {
-            let port = serialport::new(name.as_str(), baud_bps).timeout(LONGEST_WAIT).open_native()?;
+            let port = serialport::new(name.as_str(), baud_bps)
+                .timeout(LONGEST_WAIT)
+                .open_native()?;
             port.clear(serialport::ClearBuffer::Input)?;
             Ok(port)
         };
         let port = open().map_err(|error: serialport::Error| open_error(&name, error))?;
-        Ok(Self { port, latency_timer_ms: discover::latency_timer_ms(path), name, clock })
+        Ok(Self {
+            port,
+            latency_timer_ms: discover::latency_timer_ms(path),
+            name,
+            clock,
+        })
     }
 
     /// The port as it was opened.
@@ -64,16 +73,29 @@ impl SerialLink {
     }
 
     fn wait_for(&mut self, timeout: Duration) -> Result<(), LinkError> {
-        self.port.set_timeout(timeout).map_err(|error| self.io_error("set timeout", error.into()))
+        self.port
+            .set_timeout(timeout)
+            .map_err(|error| self.io_error("set timeout", error.into()))
     }
 
     fn gone(&self) -> LinkError {
-        LinkError::Gone { port: self.name.clone() }
+        LinkError::Gone {
+            port: self.name.clone(),
+        }
     }
 
     fn io_error(&self, call: &'static str, source: io::Error) -> LinkError {
-        let unplugged = source.kind() == io::ErrorKind::BrokenPipe || !Path::new(&self.name).exists();
-        if unplugged { self.gone() } else { LinkError::Io { call, port: self.name.clone(), source } }
+        let unplugged =
+            source.kind() == io::ErrorKind::BrokenPipe || !Path::new(&self.name).exists();
+        if unplugged {
+            self.gone()
+        } else {
+            LinkError::Io {
+                call,
+                port: self.name.clone(),
+                source,
+            }
+        }
     }
 }
 
@@ -84,7 +106,11 @@ fn open_error(name: &str, error: serialport::Error) -> LinkError {
         ErrorKind::NoDevice => LinkError::Busy { port },
         ErrorKind::Io(io::ErrorKind::NotFound) => LinkError::NotFound { port },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => LinkError::Denied { port },
-        _ => LinkError::Io { call: "open", port, source: error.into() },
+        _ => LinkError::Io {
+            call: "open",
+            port,
+            source: error.into(),
+        },
     }
 }
 
@@ -99,7 +125,9 @@ impl Link for SerialLink {
             match self.port.read(&mut bytes) {
                 Ok(0) => return Err(self.gone()),
                 Ok(len) => {
-                    let stamps = RxStamps { arrival: self.clock.now() };
+                    let stamps = RxStamps {
+                        arrival: self.clock.now(),
+                    };
                     let (chunk, _) = Chunk::take_from(bytes.get(..len).unwrap_or_default());
                     return Ok(Some((chunk, stamps)));
                 }
@@ -116,7 +144,9 @@ impl Link for SerialLink {
 
     fn send(&mut self, chunk: &Chunk) -> Result<(), LinkError> {
         self.wait_for(SEND_TIMEOUT)?;
-        self.port.write_all(chunk.as_slice()).map_err(|error| self.io_error("write", error))
+        self.port
+            .write_all(chunk.as_slice())
+            .map_err(|error| self.io_error("write", error))
     }
 }
 

@@ -10,8 +10,8 @@ use socketcan::timestamp::{
     SOF_TIMESTAMPING_OPT_CMSG, SOF_TIMESTAMPING_RX_SOFTWARE, SOF_TIMESTAMPING_SOFTWARE,
 };
 use socketcan::{
-    CanDataFrame, CanFilter, CanFrame as KernelFrame, CanSocket, EmbeddedFrame as _, ExtendedId, Id,
-    Socket as _, SocketOptions as _, StandardId,
+    CanDataFrame, CanFilter, CanFrame as KernelFrame, CanSocket, EmbeddedFrame as _, ExtendedId,
+    Id, Socket as _, SocketOptions as _, StandardId,
 };
 
 use crate::clock::{Clock, MonotonicClock};
@@ -58,18 +58,34 @@ impl SocketCanLink {
     ///
     /// # Errors
     /// There is no such interface, or the system refuses a call (a kernel without CAN, for one).
-    pub fn open(interface: &str, standard_ids: &[u16], clock: MonotonicClock) -> Result<Self, LinkError> {
+    pub fn open(
+        interface: &str,
+        standard_ids: &[u16],
+        clock: MonotonicClock,
+    ) -> Result<Self, LinkError> {
         let failed = |call| move |source| link_error(interface, call, source);
         let socket = CanSocket::open(interface).map_err(failed("open"))?;
         if !standard_ids.is_empty() {
             let mask = bits::STANDARD_MASK | bits::EXTENDED | bits::REMOTE;
-            let filters: Vec<_> = standard_ids.iter().map(|id| CanFilter::new(u32::from(*id), mask)).collect();
-            socket.set_filters(&filters).map_err(failed("set filters"))?;
+            let filters: Vec<_> = standard_ids
+                .iter()
+                .map(|id| CanFilter::new(u32::from(*id), mask))
+                .collect();
+            socket
+                .set_filters(&filters)
+                .map_err(failed("set filters"))?;
         }
-        socket.set_error_filter(bits::ALL_ERRORS).map_err(failed("set error filter"))?;
-        let stamps = SOF_TIMESTAMPING_RX_SOFTWARE | SOF_TIMESTAMPING_SOFTWARE | SOF_TIMESTAMPING_OPT_CMSG;
-        socket.set_timestamping(stamps).map_err(failed("set timestamping"))?;
-        socket.set_nonblocking(true).map_err(failed("set non-blocking"))?;
+        socket
+            .set_error_filter(bits::ALL_ERRORS)
+            .map_err(failed("set error filter"))?;
+        let stamps =
+            SOF_TIMESTAMPING_RX_SOFTWARE | SOF_TIMESTAMPING_SOFTWARE | SOF_TIMESTAMPING_OPT_CMSG;
+        socket
+            .set_timestamping(stamps)
+            .map_err(failed("set timestamping"))?;
+        socket
+            .set_nonblocking(true)
+            .map_err(failed("set non-blocking"))?;
         Ok(Self {
             socket,
             interface: interface.to_owned(),
@@ -98,7 +114,9 @@ impl SocketCanLink {
 
     /// Waits until there is something to read, at most until `deadline`.
     fn wait(&self, deadline: HostTime) -> Result<bool, LinkError> {
-        let left = deadline.saturating_since(self.clock.now()).min(Duration::from_secs(1));
+        let left = deadline
+            .saturating_since(self.clock.now())
+            .min(Duration::from_secs(1));
         let timeout = Timespec::try_from(left).unwrap_or_default();
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
         match poll(&mut fds, Some(&timeout)) {
@@ -108,10 +126,15 @@ impl SocketCanLink {
         }
     }
 
-    #[allow(clippy::disallowed_methods, reason = "the kernel's stamps are on the system's clock")]
+    #[allow(
+        clippy::disallowed_methods,
+        reason = "the kernel's stamps are on the system's clock"
+    )]
     fn arrival(&mut self, stamp: Option<SystemTime>) -> HostTime {
         let now = self.clock.now();
-        let age = stamp.and_then(|stamp| SystemTime::now().duration_since(stamp).ok()).unwrap_or_default();
+        let age = stamp
+            .and_then(|stamp| SystemTime::now().duration_since(stamp).ok())
+            .unwrap_or_default();
         self.last_arrival = (now - age).max(self.last_arrival).min(now);
         self.last_arrival
     }
@@ -125,16 +148,25 @@ impl SocketCanLink {
                 Ok(None)
             }
             KernelFrame::Error(error) => {
-                let class = error.error_bits();
-                self.errors.frames += 1;
-                self.errors.no_acknowledge += u64::from(class & bits::NO_ACKNOWLEDGE != 0);
-                self.errors.restarted += u64::from(class & bits::RESTARTED != 0);
-                if class & bits::BUS_OFF != 0 {
-                    return Err(LinkError::BusOff { port: self.interface.clone() });
-                }
+                self.errors.count(error.error_bits(), &self.interface)?;
                 Ok(None)
             }
         }
+    }
+}
+
+impl CanErrors {
+    /// Counts an error frame of these classes; bus-off ends the link.
+    fn count(&mut self, classes: u32, interface: &str) -> Result<(), LinkError> {
+        self.frames += 1;
+        self.no_acknowledge += u64::from(classes & bits::NO_ACKNOWLEDGE != 0);
+        self.restarted += u64::from(classes & bits::RESTARTED != 0);
+        if classes & bits::BUS_OFF != 0 {
+            return Err(LinkError::BusOff {
+                port: interface.to_owned(),
+            });
+        }
+        Ok(())
     }
 }
 
@@ -161,7 +193,9 @@ fn to_kernel(frame: &CanFrame) -> Option<CanDataFrame> {
     let id = if frame.is_extended() {
         Id::Extended(ExtendedId::new(frame.arbitration_id())?)
     } else {
-        Id::Standard(StandardId::new(u16::try_from(frame.arbitration_id()).ok()?)?)
+        Id::Standard(StandardId::new(
+            u16::try_from(frame.arbitration_id()).ok()?,
+        )?)
     };
     CanDataFrame::new(id, frame.payload())
 }
@@ -190,8 +224,12 @@ impl Link for SocketCanLink {
     }
 
     fn send(&mut self, frame: &CanFrame) -> Result<(), LinkError> {
-        let Some(frame) = to_kernel(frame) else { return Ok(()) };
-        self.socket.write_frame(&frame).map_err(|error| self.error("write", error))
+        let Some(frame) = to_kernel(frame) else {
+            return Ok(());
+        };
+        self.socket
+            .write_frame(&frame)
+            .map_err(|error| self.error("write", error))
     }
 }
 

@@ -21,9 +21,17 @@ impl Device for Ticker {
     type Reading = Reading;
 
     fn handle_frame(&mut self, frame: &u8, stamps: RxStamps) -> Result<(), DecodeError> {
-        let event = DeviceEvent::Warning { text: frame.to_string() };
-        self.events.push_back(Reading::Event { at: stamps.arrival, event });
-        Err(DecodeError::Length { expected: 1, got: 2 })
+        let event = DeviceEvent::Warning {
+            text: frame.to_string(),
+        };
+        self.events.push_back(Reading::Event {
+            at: stamps.arrival,
+            event,
+        });
+        Err(DecodeError::Length {
+            expected: 1,
+            got: 2,
+        })
     }
     fn handle_timeout(&mut self, now: HostTime) {
         self.next = now + 10 * MS;
@@ -85,8 +93,18 @@ impl Outlet<u8> for Log {
 
 fn pump(silent: bool) -> (Pump<Ticker, BusyLink>, SteppedClock) {
     let clock = SteppedClock::new(HostTime::from_nanos(1_000_000_000));
-    let device = Ticker { next: HostTime::EPOCH, waiting: None, events: VecDeque::new() };
-    let link = BusyLink { clock: clock.clone(), asked_until: Vec::new(), sent_at: Vec::new(), silent, late_frame: None };
+    let device = Ticker {
+        next: HostTime::EPOCH,
+        waiting: None,
+        events: VecDeque::new(),
+    };
+    let link = BusyLink {
+        clock: clock.clone(),
+        asked_until: Vec::new(),
+        sent_at: Vec::new(),
+        silent,
+        late_frame: None,
+    };
     (Pump::new(device, link), clock)
 }
 
@@ -105,7 +123,10 @@ fn a_busy_bus_does_not_starve_the_timers() {
 fn a_frame_comes_out_before_its_readings_even_when_it_is_malformed() {
     let (mut pump, clock) = pump(false);
     let mut log = Log::default();
-    assert_eq!(pump.turn(&clock, clock.now() + MS, &mut log).unwrap(), Turn::Frame);
+    assert_eq!(
+        pump.turn(&clock, clock.now() + MS, &mut log).unwrap(),
+        Turn::Frame
+    );
     assert_eq!(log.0, ["frame", "reading"]);
 }
 
@@ -115,10 +136,16 @@ fn a_wait_ends_at_the_earlier_of_deadline_and_timeout() {
     let start = clock.now();
     let mut log = Log::default();
     for wait in [4, 4, 100] {
-        assert_eq!(pump.turn(&clock, start + wait * MS, &mut log).unwrap(), Turn::Idle);
+        assert_eq!(
+            pump.turn(&clock, start + wait * MS, &mut log).unwrap(),
+            Turn::Idle
+        );
     }
     // The first turn begins the device.
-    assert_eq!(pump.link().asked_until, [HostTime::EPOCH, start + 4 * MS, start + 10 * MS]);
+    assert_eq!(
+        pump.link().asked_until,
+        [HostTime::EPOCH, start + 4 * MS, start + 10 * MS]
+    );
     // The timeout was served in the same turn.
     assert_eq!(pump.link().sent_at, [start, start + 10 * MS]);
 }
@@ -133,8 +160,14 @@ fn a_thread_that_was_held_up_reads_what_waits_before_it_serves_timeouts() {
     let early = clock.now() + 2 * MS;
     pump.link.late_frame = Some(early);
     clock.advance_to(clock.now() + 1_000 * MS);
-    assert_eq!(pump.turn(&clock, clock.now() + MS, &mut log).unwrap(), Turn::Frame);
+    assert_eq!(
+        pump.turn(&clock, clock.now() + MS, &mut log).unwrap(),
+        Turn::Frame
+    );
     assert_eq!(pump.link().sent_at.len(), 1);
-    assert_eq!(pump.turn(&clock, clock.now() + MS, &mut log).unwrap(), Turn::Frame);
+    assert_eq!(
+        pump.turn(&clock, clock.now() + MS, &mut log).unwrap(),
+        Turn::Frame
+    );
     assert_eq!(pump.link().sent_at.len(), 2);
 }

@@ -6,7 +6,11 @@ use crate::reading::{DeviceEvent, Identity, Quality};
 use crate::robotous::{Filter, Scale};
 use crate::test_support::Bench;
 
-const RECORD: Record = Record { force: [617, -250, -1001], torque: [500, -1000, 2000], overload: 0 };
+const RECORD: Record = Record {
+    force: [617, -250, -1001],
+    torque: [500, -1000, 2000],
+    overload: 0,
+};
 
 fn config() -> Config {
     let mut config = Config::default();
@@ -40,7 +44,11 @@ fn text(text: &str) -> Text {
 fn expect(bench: &mut Bench<RobotousCan>, command: Command) {
     bench.advance_until(|bench| !bench.sent.is_empty());
     let sent: Vec<_> = bench.sent.drain(..).map(|(_, frame)| frame).collect();
-    assert_eq!(sent, [wire::command_frame(CanIds::default(), command)], "{command:?}");
+    assert_eq!(
+        sent,
+        [wire::command_frame(CanIds::default(), command)],
+        "{command:?}"
+    );
 }
 
 fn identify(bench: &mut Bench<RobotousCan>, model: &str) {
@@ -62,7 +70,10 @@ fn streaming(config: Config) -> Bench<RobotousCan> {
     expect(&mut bench, Command::SetRate(8));
     respond(&mut bench, Response::RateSet(Outcome::TAKEN));
     expect(&mut bench, Command::ReadFilter);
-    respond(&mut bench, Response::Filter(FilterSetting { kind: 1, code: 5 }));
+    respond(
+        &mut bench,
+        Response::Filter(FilterSetting { kind: 1, code: 5 }),
+    );
     expect(&mut bench, Command::SetFilter(FilterSetting::NONE));
     respond(&mut bench, Response::FilterSet(Outcome::TAKEN));
     expect(&mut bench, Command::Start);
@@ -78,12 +89,30 @@ fn set_up_by_the_book_ends_in_samples() {
         serial_number: "A123".to_owned(),
         firmware: "1.82".to_owned(),
     };
-    let expected = [DeviceEvent::Starting, DeviceEvent::Identified(identity), DeviceEvent::Streaming];
+    let expected = [
+        DeviceEvent::Starting,
+        DeviceEvent::Identified(identity),
+        DeviceEvent::Streaming,
+    ];
     assert_eq!(bench.events(), expected);
-    let [reading] = bench.wrenches()[..] else { panic!() };
-    assert_eq!(reading.wrench.to_array(), [12.34, -5.0, -20.02, 0.25, -0.5, 1.0]);
-    assert_eq!((reading.at.arrival, reading.at.device_ns), (bench.now, None));
-    assert_eq!(bench.device.counts(), Counts { received: 1, ..Counts::default() });
+    let [reading] = bench.wrenches()[..] else {
+        panic!()
+    };
+    assert_eq!(
+        reading.wrench.to_array(),
+        [12.34, -5.0, -20.02, 0.25, -0.5, 1.0]
+    );
+    assert_eq!(
+        (reading.at.arrival, reading.at.device_ns),
+        (bench.now, None)
+    );
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 1,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -95,7 +124,10 @@ fn settings_that_are_right_already_are_not_written_again() {
     expect(&mut bench, Command::ReadRate);
     respond(&mut bench, Response::Rate(8));
     expect(&mut bench, Command::ReadFilter);
-    respond(&mut bench, Response::Filter(FilterSetting { kind: 1, code: 5 }));
+    respond(
+        &mut bench,
+        Response::Filter(FilterSetting { kind: 1, code: 5 }),
+    );
     expect(&mut bench, Command::Start);
 }
 
@@ -121,9 +153,20 @@ fn a_stream_that_does_not_stop_is_stopped_again_and_then_lost() {
         bench.advance_ms(1);
         respond(&mut bench, Response::Stream(RECORD));
     }
-    let stops = bench.sent.iter().map(|(_, frame)| *frame).collect::<Vec<_>>();
-    assert_eq!(stops, [wire::command_frame(CanIds::default(), Command::Stop); 3]);
-    assert!(bench.complaints()[0].contains("frames still come"), "{:?}", bench.complaints());
+    let stops = bench
+        .sent
+        .iter()
+        .map(|(_, frame)| *frame)
+        .collect::<Vec<_>>();
+    assert_eq!(
+        stops,
+        [wire::command_frame(CanIds::default(), Command::Stop); 3]
+    );
+    assert!(
+        bench.complaints()[0].contains("frames still come"),
+        "{:?}",
+        bench.complaints()
+    );
 }
 
 #[test]
@@ -134,8 +177,14 @@ fn an_unanswered_question_is_asked_three_times_then_lost_then_tried_again() {
     assert_eq!(bench.sent.len(), 3);
     assert!((945..=955).contains(&lost.as_millis()), "{lost:?}");
     let complaint = &bench.complaints()[0];
-    assert!(complaint.contains("ReadModel was not answered within 300ms, 3 times"), "{complaint}");
-    assert!(complaint.contains("check bit rate (1 Mbit/s), termination, power"), "{complaint}");
+    assert!(
+        complaint.contains("ReadModel was not answered within 300ms, 3 times"),
+        "{complaint}"
+    );
+    assert!(
+        complaint.contains("check bit rate (1 Mbit/s), termination, power"),
+        "{complaint}"
+    );
     bench.sent.clear();
     bench.advance_ms(1_000);
     assert_eq!(bench.sent.len(), 1);
@@ -148,8 +197,17 @@ fn a_refused_setting_is_named() {
     expect(&mut bench, Command::ReadRate);
     respond(&mut bench, Response::Rate(5));
     expect(&mut bench, Command::SetRate(8));
-    respond(&mut bench, Response::RateSet(Outcome { result: 0, error: 2 }));
-    assert_eq!(bench.complaints(), ["the sensor refused SetRate(8): value out of range"]);
+    respond(
+        &mut bench,
+        Response::RateSet(Outcome {
+            result: 0,
+            error: 2,
+        }),
+    );
+    assert_eq!(
+        bench.complaints(),
+        ["the sensor refused SetRate(8): value out of range"]
+    );
 }
 
 #[test]
@@ -159,7 +217,10 @@ fn a_rate_or_filter_that_the_sensor_has_not_is_named() {
     let mut bench_rate = bench(odd_rate);
     identify(&mut bench_rate, "RFT64-SB01");
     respond(&mut bench_rate, Response::Rate(5));
-    assert_eq!(bench_rate.complaints(), ["rate_hz = 123 is none of the sensor's rates"]);
+    assert_eq!(
+        bench_rate.complaints(),
+        ["rate_hz = 123 is none of the sensor's rates"]
+    );
 
     let mut odd_filter = config();
     odd_filter.sensor.filter = Filter::LowPass { cut_off_hz: 123 };
@@ -175,8 +236,14 @@ fn a_model_with_another_scale_is_a_warning_with_both() {
     let mut bench_known = bench(config());
     identify(&mut bench_known, "RFT64-6A01");
     let complaint = &bench_known.complaints()[0];
-    assert!(complaint.contains("RFT64-6A01 has 50 counts/N and 1000 counts/(N m)"), "{complaint}");
-    assert!(complaint.contains("configured are 50 and 2000"), "{complaint}");
+    assert!(
+        complaint.contains("RFT64-6A01 has 50 counts/N and 1000 counts/(N m)"),
+        "{complaint}"
+    );
+    assert!(
+        complaint.contains("configured are 50 and 2000"),
+        "{complaint}"
+    );
     let mut bench_unknown = bench(config());
     identify(&mut bench_unknown, "RFT99");
     assert!(bench_unknown.complaints()[0].contains("\"RFT99\" is not in the manual's table"));
@@ -188,14 +255,21 @@ fn the_configured_scale_and_sign_are_used() {
     config.sensor.scale = Scale::of_model("RFT80-6A03").unwrap();
     config.sensor.sign = Sign::ToolOnEnvironment;
     let bench = streaming(config);
-    assert_eq!(bench.wrenches()[0].wrench.to_array(), [-24.68, 10.0, 40.04, -1.0, 2.0, -4.0]);
+    assert_eq!(
+        bench.wrenches()[0].wrench.to_array(),
+        [-24.68, 10.0, 40.04, -1.0, 2.0, -4.0]
+    );
 }
 
 #[test]
 fn halves_of_different_samples_never_join() {
     let mut bench = listening();
     respond(&mut bench, Response::Stream(RECORD));
-    let other = Record { force: [1, 1, 1], torque: [1, 1, 1], overload: 0 };
+    let other = Record {
+        force: [1, 1, 1],
+        torque: [1, 1, 1],
+        overload: 0,
+    };
     let [first, _] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
     let [_, second] = wire::response_frames(CanIds::default(), &Response::Stream(other));
     bench.frame(&first).unwrap();
@@ -203,7 +277,15 @@ fn halves_of_different_samples_never_join() {
     bench.advance_ms(6);
     bench.frame(&second).unwrap();
     assert_eq!(bench.wrenches().len(), 1);
-    assert_eq!(bench.device.counts(), Counts { received: 1, refused: 1, skipped: 1, ..Counts::default() });
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 1,
+            refused: 1,
+            skipped: 1,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -214,19 +296,46 @@ fn a_first_half_that_is_followed_by_another_is_one_refused() {
     for half in [first, first, second] {
         bench.frame(&half).unwrap();
     }
-    assert_eq!(bench.device.counts(), Counts { received: 2, refused: 1, ..Counts::default() });
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 2,
+            refused: 1,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
-fn a_first_half_left_alone_is_refused_at_its_time_also_when_nothing_follows() {
+fn a_first_half_left_alone_is_refused_when_the_stream_is_lost() {
     let mut bench = listening();
     respond(&mut bench, Response::Stream(RECORD));
     let [first, _] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
     bench.frame(&first).unwrap();
-    bench.advance_ms(5);
+    bench.advance_ms(499);
     assert_eq!(bench.device.counts().refused, 0);
     bench.advance_ms(1);
     assert_eq!(bench.device.counts().refused, 1);
+}
+
+#[test]
+fn halves_that_are_read_late_join_by_their_stamps() {
+    let mut bench = listening();
+    respond(&mut bench, Response::Stream(RECORD));
+    let [first, second] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
+    bench.frame(&first).unwrap();
+    let stamps = RxStamps {
+        arrival: bench.now + Duration::from_micros(130),
+    };
+    bench.advance_ms(40);
+    bench.device.handle_frame(&second, stamps).unwrap();
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 2,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -235,12 +344,32 @@ fn frames_that_are_short_unknown_or_foreign_are_told_apart() {
     respond(&mut bench, Response::Stream(RECORD));
     let standard = |id, payload: &[u8]| CanFrame::standard(id, payload).unwrap();
     let short = bench.frame(&standard(1, &[0x0B; 7]));
-    assert_eq!(short, Err(DecodeError::Length { expected: 8, got: 7 }));
+    assert_eq!(
+        short,
+        Err(DecodeError::Length {
+            expected: 8,
+            got: 7
+        })
+    );
     bench.frame(&standard(0x123, &[0; 8])).unwrap();
     bench.frame(&standard(1, &[0x0E; 8])).unwrap();
     let unknown = bench.frame(&standard(2, &[0; 8]));
-    assert_eq!(unknown, Err(DecodeError::Field { name: "D1", value: 0x0E }));
-    assert_eq!(bench.device.counts(), Counts { received: 1, refused: 2, skipped: 1, ..Counts::default() });
+    assert_eq!(
+        unknown,
+        Err(DecodeError::Field {
+            name: "D1",
+            value: 0x0E
+        })
+    );
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 1,
+            refused: 2,
+            skipped: 1,
+            ..Counts::default()
+        }
+    );
 }
 
 #[test]
@@ -250,8 +379,20 @@ fn overload_sets_the_quality_and_warns_once_per_axis() {
         bench.advance_ms(1);
         respond(&mut bench, Response::Stream(Record { overload, ..RECORD }));
     }
-    let qualities: Vec<_> = bench.wrenches().iter().map(|reading| reading.quality).collect();
-    assert_eq!(qualities, [Quality::Good, Quality::Overrange, Quality::Overrange, Quality::Overrange]);
+    let qualities: Vec<_> = bench
+        .wrenches()
+        .iter()
+        .map(|reading| reading.quality)
+        .collect();
+    assert_eq!(
+        qualities,
+        [
+            Quality::Good,
+            Quality::Overrange,
+            Quality::Overrange,
+            Quality::Overrange
+        ]
+    );
     let complaints = bench.complaints();
     assert_eq!(complaints.len(), 2, "{complaints:?}");
     assert!(complaints[0].starts_with("Fx beyond") && complaints[1].starts_with("Tz beyond"));

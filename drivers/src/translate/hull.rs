@@ -41,7 +41,11 @@ pub(super) struct Hull {
 
 impl Hull {
     pub(super) fn new() -> Self {
-        Self { vertices: VecDeque::with_capacity(MAX_VERTICES + 1), start: None, observations: 0 }
+        Self {
+            vertices: VecDeque::with_capacity(MAX_VERTICES + 1),
+            start: None,
+            observations: 0,
+        }
     }
 
     pub(super) fn clear(&mut self) {
@@ -60,12 +64,17 @@ impl Hull {
 
     /// Device time from the first point to the newest, s.
     pub(super) fn span_s(&self) -> f64 {
-        self.vertices.back().map_or(0.0, |newest| self.span_to(newest.x) as f64 * 1e-9)
+        self.vertices
+            .back()
+            .map_or(0.0, |newest| self.span_to(newest.x) as f64 * 1e-9)
     }
 
     /// Adds a point with a larger `x` than all before.
     pub(super) fn add(&mut self, x: i64, y: i64) {
-        let point = Vertex { x, offset: y.saturating_sub(x) };
+        let point = Vertex {
+            x,
+            offset: y.saturating_sub(x),
+        };
         self.start.get_or_insert(x);
         self.observations += 1;
         while let Some((before, last)) = self.last_two()
@@ -81,10 +90,14 @@ impl Hull {
 
     /// Slope of the edge over the middle of the hull; 0 when there is no edge.
     pub(super) fn middle_slope(&self) -> f64 {
-        let (Some(first), Some(last)) = (self.vertices.front(), self.vertices.back()) else { return 0.0 };
+        let (Some(first), Some(last)) = (self.vertices.front(), self.vertices.back()) else {
+            return 0.0;
+        };
         let middle = first.x.midpoint(last.x);
         let right = self.vertices.partition_point(|vertex| vertex.x <= middle);
-        right.checked_sub(1).map_or(0.0, |left| self.edge_slope(left))
+        right
+            .checked_sub(1)
+            .map_or(0.0, |left| self.edge_slope(left))
     }
 
     /// The line of this slope that touches the hull from below.
@@ -99,13 +112,19 @@ impl Hull {
                 high = middle;
             }
         }
-        let support = self.vertices.get(low).copied().unwrap_or(Vertex { x: 0, offset: 0 });
+        let support = self
+            .vertices
+            .get(low)
+            .copied()
+            .unwrap_or(Vertex { x: 0, offset: 0 });
         Line { support, slope }
     }
 
     /// Slope of the edge that begins at vertex `left`; 0 when there is none.
     fn edge_slope(&self, left: usize) -> f64 {
-        let (Some(a), Some(b)) = (self.vertices.get(left), self.vertices.get(left + 1)) else { return 0.0 };
+        let (Some(a), Some(b)) = (self.vertices.get(left), self.vertices.get(left + 1)) else {
+            return 0.0;
+        };
         b.offset.saturating_sub(a.offset) as f64 / b.x.saturating_sub(a.x).max(1) as f64
     }
 
@@ -118,5 +137,6 @@ impl Hull {
 /// Whether a-b-c turns upwards, so that b is below the line a-c.
 fn turns_up(a: Vertex, b: Vertex, c: Vertex) -> bool {
     let difference = |to: i64, from: i64| i128::from(to) - i128::from(from);
-    difference(b.offset, a.offset) * difference(c.x, a.x) < difference(c.offset, a.offset) * difference(b.x, a.x)
+    difference(b.offset, a.offset) * difference(c.x, a.x)
+        < difference(c.offset, a.offset) * difference(b.x, a.x)
 }

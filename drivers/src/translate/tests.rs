@@ -35,12 +35,18 @@ fn errors_us(ppm: f64, seconds: i64, mut arrival: impl FnMut(i64) -> i64) -> Vec
 }
 
 fn worst(errors: &[(f64, f64)]) -> f64 {
-    errors.iter().map(|(error, _)| error.abs()).fold(0.0, f64::max)
+    errors
+        .iter()
+        .map(|(error, _)| error.abs())
+        .fold(0.0, f64::max)
 }
 
 /// Share of the errors that lie within two spreads.
 fn covered(errors: &[(f64, f64)]) -> f64 {
-    let within = errors.iter().filter(|(error, spread)| error.abs() <= 2.0 * spread).count();
+    let within = errors
+        .iter()
+        .filter(|(error, spread)| error.abs() <= 2.0 * spread)
+        .count();
     within as f64 / errors.len() as f64
 }
 
@@ -58,7 +64,10 @@ fn exponential_jitter_of_200_us_leaves_an_error_of_a_few_us() {
             last = last.max(true_ns + exponential(&mut random, 200e3));
             last
         });
-        println!("jitter 200 us, skew {ppm} ppm: worst {:.1} us", worst(&errors));
+        println!(
+            "jitter 200 us, skew {ppm} ppm: worst {:.1} us",
+            worst(&errors)
+        );
         assert!(worst(&errors) < 20.0, "{ppm} ppm: {}", worst(&errors));
         assert!(covered(&errors) > 0.95, "{ppm} ppm: {}", covered(&errors));
     }
@@ -75,7 +84,10 @@ fn bursts_of_16_ms_leave_an_error_below_the_sample_period() {
             last = last.max(burst + random.random_range(0..300_000));
             last
         });
-        println!("16 ms bursts, skew {ppm} ppm: worst {:.1} us", worst(&errors));
+        println!(
+            "16 ms bursts, skew {ppm} ppm: worst {:.1} us",
+            worst(&errors)
+        );
         // Plain arrival stamps are wrong by up to 16 300 us.
         assert!(worst(&errors) < 1_000.0, "{ppm} ppm: {}", worst(&errors));
     }
@@ -90,7 +102,10 @@ fn the_first_seconds_are_no_worse_than_the_skew_bound_allows() {
         let arrival = true_ns + exponential(&mut random, 200e3);
         let error = translator.observe(device_ns, host(arrival)).at.as_nanos() - true_ns;
         if sample > 100 {
-            assert!((-600_000..200_000).contains(&error), "sample {sample}: {error} ns");
+            assert!(
+                (-600_000..200_000).contains(&error),
+                "sample {sample}: {error} ns"
+            );
         }
     }
 }
@@ -104,14 +119,20 @@ fn status_tells_offset_skew_and_count() {
     }
     let status = translator.status().unwrap();
     assert!((status.skew_ppm - 120.0).abs() < 0.1, "{status:?}");
-    assert!((status.offset_ns - (truth(19_999 * MS, 120.0) - 19_999 * MS)).abs() < 1_000, "{status:?}");
+    assert!(
+        (status.offset_ns - (truth(19_999 * MS, 120.0) - 19_999 * MS)).abs() < 1_000,
+        "{status:?}"
+    );
     assert_eq!(status.observations, 20_000);
     assert!(status.spread_ns < 100_000);
 }
 
 #[test]
 fn skew_is_bounded_and_a_bad_edge_still_gives_a_causal_answer() {
-    let mut translator = OneWay::new(OneWayConfig { max_skew_ppm: 100.0, ..OneWayConfig::default() });
+    let mut translator = OneWay::new(OneWayConfig {
+        max_skew_ppm: 100.0,
+        ..OneWayConfig::default()
+    });
     for sample in 0..10_000 {
         let arrival = host(truth(sample * MS, 5_000.0));
         assert!(translator.observe(sample * MS, arrival).at <= arrival);
@@ -122,9 +143,15 @@ fn skew_is_bounded_and_a_bad_edge_still_gives_a_causal_answer() {
 #[test]
 fn the_link_delay_is_subtracted() {
     let delay = Duration::from_micros(500);
-    let mut translator = OneWay::new(OneWayConfig { link_delay: delay, ..OneWayConfig::default() });
+    let mut translator = OneWay::new(OneWayConfig {
+        link_delay: delay,
+        ..OneWayConfig::default()
+    });
     assert_eq!(translator.observe(0, host(BOOT)).at, host(BOOT - 500_000));
-    assert_eq!(translator.status().map(|status| status.offset_ns), Some(BOOT - 500_000));
+    assert_eq!(
+        translator.status().map(|status| status.offset_ns),
+        Some(BOOT - 500_000)
+    );
 }
 
 #[test]
@@ -133,9 +160,17 @@ fn spread_shrinks_as_observations_come() {
     let first = translator.observe(0, host(BOOT)).spread;
     let mut last = first;
     for sample in 1..30_000 {
-        last = translator.observe(sample * MS, host(truth(sample * MS, 10.0) + sample % 7 * 1_000)).spread;
+        last = translator
+            .observe(
+                sample * MS,
+                host(truth(sample * MS, 10.0) + sample % 7 * 1_000),
+            )
+            .spread;
     }
-    assert!(first >= Duration::from_millis(1) && last < Duration::from_micros(20), "{first:?} {last:?}");
+    assert!(
+        first >= Duration::from_millis(1) && last < Duration::from_micros(20),
+        "{first:?} {last:?}"
+    );
 }
 
 #[test]
@@ -147,7 +182,10 @@ fn a_repeated_or_late_stamp_changes_nothing() {
     let before = translator.status();
     let newest = translator.observe(999 * MS, host(BOOT + 1_000 * MS));
     assert_eq!(newest.at, host(BOOT + 999 * MS));
-    assert_eq!(translator.observe(500 * MS, host(BOOT + 1_001 * MS)).at, host(BOOT + 500 * MS));
+    assert_eq!(
+        translator.observe(500 * MS, host(BOOT + 1_001 * MS)).at,
+        host(BOOT + 500 * MS)
+    );
     assert_eq!(translator.status(), before);
 }
 
@@ -159,10 +197,16 @@ fn a_device_clock_that_begins_anew_is_followed_at_once() {
     }
     let back = translator.observe(10 * MS, host(BOOT + 6_000 * MS));
     assert_eq!(back.at, host(BOOT + 6_000 * MS));
-    assert_eq!(translator.status().map(|status| status.observations), Some(1));
+    assert_eq!(
+        translator.status().map(|status| status.observations),
+        Some(1)
+    );
     let ahead = translator.observe(90_000 * MS, host(BOOT + 6_001 * MS));
     assert_eq!(ahead.at, host(BOOT + 6_001 * MS));
-    assert_eq!(translator.status().map(|status| status.observations), Some(1));
+    assert_eq!(
+        translator.status().map(|status| status.observations),
+        Some(1)
+    );
 }
 
 #[test]
@@ -186,14 +230,21 @@ fn a_stalled_link_is_no_restart_but_a_clock_that_stood_still_is() {
 
 #[test]
 fn a_skew_that_changes_is_followed_within_two_windows() {
-    let config = OneWayConfig { window: Duration::from_secs(10), ..OneWayConfig::default() };
+    let config = OneWayConfig {
+        window: Duration::from_secs(10),
+        ..OneWayConfig::default()
+    };
     let mut translator = OneWay::new(config);
     let mut true_ns = BOOT;
     let mut error = 0;
     for sample in 0..60_000_i64 {
         let ppm = if sample < 30_000 { 100.0 } else { -100.0 };
         true_ns += MS + (ppm * 1.0) as i64;
-        error = translator.observe(sample * MS, host(true_ns + sample % 11 * 10_000)).at.as_nanos() - true_ns;
+        error = translator
+            .observe(sample * MS, host(true_ns + sample % 11 * 10_000))
+            .at
+            .as_nanos()
+            - true_ns;
     }
     assert!(error.abs() < 5_000, "{error} ns");
     assert!((translator.status().unwrap().skew_ppm + 100.0).abs() < 1.0);

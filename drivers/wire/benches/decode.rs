@@ -1,7 +1,7 @@
 //! Nanoseconds per frame of each codec, and the proof that none allocates: `cargo bench -p ft-wire --profile dev`.
 //!
 //! divan prints the allocations of each benchmark below its line; no such lines means there were none.
-#![allow(missing_docs, reason = "benchmarks")]
+#![allow(missing_docs, clippy::expect_used, reason = "benchmarks")]
 
 use divan::{AllocProfiler, Bencher, black_box};
 use ft_wire::dynamixel2::{self, Packet, Params, PresentState, StatusError};
@@ -24,8 +24,11 @@ const BOTA: bota_serial::Sample = bota_serial::Sample {
     temperature_celsius: 25.0,
 };
 
-const ROBOTOUS: Response =
-    Response::Stream(Record { force: [617, -250, -1001], torque: [500, -1000, 2000], overload: 0 });
+const ROBOTOUS: Response = Response::Stream(Record {
+    force: [617, -250, -1001],
+    torque: [500, -1000, 2000],
+    overload: 0,
+});
 
 const POSE: PoseSample = PoseSample {
     tracking_ns: 1_234_567_890_123,
@@ -35,9 +38,17 @@ const POSE: PoseSample = PoseSample {
 };
 
 fn dynamixel_status() -> Packet {
-    let state = PresentState { current: -100, velocity: 5, position: 2048 };
+    let state = PresentState {
+        current: -100,
+        velocity: 5,
+        position: 2048,
+    };
     let params = Params::new(&state.encode()).expect("ten bytes fit");
-    Packet::Status { id: 1, error: StatusError(0), params }
+    Packet::Status {
+        id: 1,
+        error: StatusError(0),
+        params,
+    }
 }
 
 #[divan::bench]
@@ -63,8 +74,13 @@ fn robotous_can_decode_and_join(bencher: Bencher<'_, '_>) {
     let halves: [CanFrame; 2] = robotous_rft::response_frames(ids, &ROBOTOUS);
     bencher.bench(|| {
         let [first, second] = black_box(&halves);
-        match (robotous_rft::decode_half(ids, first), robotous_rft::decode_half(ids, second)) {
-            (Ok(Half::First(first)), Ok(Half::Second(second))) => robotous_rft::join(first, second).ok(),
+        match (
+            robotous_rft::decode_half(ids, first),
+            robotous_rft::decode_half(ids, second),
+        ) {
+            (Ok(Half::First(first)), Ok(Half::Second(second))) => {
+                robotous_rft::join(first, second).ok()
+            }
             _ => None,
         }
     });

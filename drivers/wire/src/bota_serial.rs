@@ -76,13 +76,23 @@ pub fn decode(bytes: &[u8]) -> Result<Parsed<Sample>, DecodeError> {
     match bytes.first() {
         None => return Ok(Parsed::Incomplete),
         Some(&HEADER) => {}
-        Some(&other) => return Err(DecodeError::Field { name: "header", value: other.into() }),
+        Some(&other) => {
+            return Err(DecodeError::Field {
+                name: "header",
+                value: other.into(),
+            });
+        }
     }
-    let Some(frame) = bytes.first_chunk::<FRAME_LEN>() else { return Ok(Parsed::Incomplete) };
+    let Some(frame) = bytes.first_chunk::<FRAME_LEN>() else {
+        return Ok(Parsed::Incomplete);
+    };
     let carried = u16::from_le_bytes(field(frame, 35).unwrap_or_default());
     let computed = X25.checksum(frame.get(1..35).unwrap_or_default());
     if computed != carried {
-        return Err(DecodeError::Checksum { computed: computed.into(), carried: carried.into() });
+        return Err(DecodeError::Checksum {
+            computed: computed.into(),
+            carried: carried.into(),
+        });
     }
     let f32_at = |at| f32::from_le_bytes(field(frame, at).unwrap_or_default());
     let sample = Sample {
@@ -97,7 +107,10 @@ pub fn decode(bytes: &[u8]) -> Result<Parsed<Sample>, DecodeError> {
             return Err(DecodeError::NotFinite { name });
         }
     }
-    Ok(Parsed::Complete { value: sample, used: FRAME_LEN })
+    Ok(Parsed::Complete {
+        value: sample,
+        used: FRAME_LEN,
+    })
 }
 
 /// Writes `sample` as a frame.
@@ -108,7 +121,9 @@ pub fn encode(sample: &Sample) -> [u8; FRAME_LEN] {
     for axis in sample.force.iter().chain(&sample.torque) {
         layout.put(&axis.to_le_bytes());
     }
-    layout.put(&sample.timestamp_us.to_le_bytes()).put(&sample.temperature_celsius.to_le_bytes());
+    layout
+        .put(&sample.timestamp_us.to_le_bytes())
+        .put(&sample.temperature_celsius.to_le_bytes());
     let crc = X25.checksum(layout.so_far().get(1..).unwrap_or_default());
     layout.put(&crc.to_le_bytes()).finish()
 }
@@ -129,8 +144,13 @@ pub enum BaudRate {
 }
 
 impl BaudRate {
-    const ALL: [Self; 5] =
-        [Self::Bps9600, Self::Bps57600, Self::Bps115200, Self::Bps230400, Self::Bps460800];
+    const ALL: [Self; 5] = [
+        Self::Bps9600,
+        Self::Bps57600,
+        Self::Bps115200,
+        Self::Bps230400,
+        Self::Bps460800,
+    ];
 
     /// The rate of `bps` bit/s, or `None` when the sensor does not know it.
     #[must_use]
@@ -221,11 +241,20 @@ impl Command {
             Self::Run => text.write_str("R"),
             Self::Init => text.write_str("I"),
             Self::HardwareReset => text.write_str("#"),
-            Self::CommSetup { temperature_compensation, calibration, baud } => {
+            Self::CommSetup {
+                temperature_compensation,
+                calibration,
+                baud,
+            } => {
                 let [t, c] = [temperature_compensation, calibration].map(u8::from);
                 write!(text, "c,{t},{c},0,{}", baud.code())
             }
-            Self::Filter(Filter { sinc_length, chop, fast, fir_disable }) => {
+            Self::Filter(Filter {
+                sinc_length,
+                chop,
+                fast,
+                fir_disable,
+            }) => {
                 let [chop, fast, fir_disable] = [chop, fast, fir_disable].map(u8::from);
                 write!(text, "f,{sinc_length},{chop},{fast},{fir_disable}")
             }
@@ -278,21 +307,39 @@ pub fn decode_ack(bytes: &[u8]) -> Result<Parsed<Ack>, DecodeError> {
     };
     for (at, byte) in bytes.iter().take(7).enumerate() {
         if !allowed(at, *byte) {
-            return Err(DecodeError::Field { name: "ack", value: u32::from(*byte) });
+            return Err(DecodeError::Field {
+                name: "ack",
+                value: u32::from(*byte),
+            });
         }
     }
     let Some([_, _, digit, _, command, _, code]) = bytes.first_chunk::<7>().copied() else {
         return Ok(Parsed::Incomplete);
     };
-    let ack = Ack { digit: digit.wrapping_sub(b'0'), command, return_code: code.wrapping_sub(b'0') };
-    Ok(Parsed::Complete { value: ack, used: 7 })
+    let ack = Ack {
+        digit: digit.wrapping_sub(b'0'),
+        command,
+        return_code: code.wrapping_sub(b'0'),
+    };
+    Ok(Parsed::Complete {
+        value: ack,
+        used: 7,
+    })
 }
 
 /// Writes an acknowledgement; digits above 9 are written as 9.
 #[must_use]
 pub fn encode_ack(ack: Ack) -> [u8; 7] {
     let digit = |value: u8| b'0' + value.min(9);
-    [b'r', b',', digit(ack.digit), b',', ack.command, b',', digit(ack.return_code)]
+    [
+        b'r',
+        b',',
+        digit(ack.digit),
+        b',',
+        ack.command,
+        b',',
+        digit(ack.return_code),
+    ]
 }
 
 /// A line of the text that the sensor prints when it starts. The form beyond these marks is unconfirmed.
@@ -364,8 +411,18 @@ mod tests {
         let mut all_zero = vec![0; FRAME_LEN];
         all_zero[0] = HEADER;
         all_zero[35..].copy_from_slice(&[0x6A, 0xE2]);
-        for (bytes, sample) in [(hex(STILL), still()), (hex(OVERRANGE), overrange), (all_zero, zero)] {
-            assert_eq!(decode(&bytes), Ok(Parsed::Complete { value: sample, used: FRAME_LEN }));
+        for (bytes, sample) in [
+            (hex(STILL), still()),
+            (hex(OVERRANGE), overrange),
+            (all_zero, zero),
+        ] {
+            assert_eq!(
+                decode(&bytes),
+                Ok(Parsed::Complete {
+                    value: sample,
+                    used: FRAME_LEN
+                })
+            );
             assert_eq!(encode(&sample).as_slice(), bytes);
         }
     }
@@ -384,21 +441,45 @@ mod tests {
 
     #[test]
     fn a_force_that_is_not_finite_is_refused_although_the_crc_is_right() {
-        let nan_force = Sample { force: [0.0, f32::NAN, 0.0], ..still() };
-        assert_eq!(decode(&encode(&nan_force)), Err(DecodeError::NotFinite { name: "force" }));
-        let endless_torque = Sample { torque: [f32::INFINITY, 0.0, 0.0], ..still() };
-        assert_eq!(decode(&encode(&endless_torque)), Err(DecodeError::NotFinite { name: "torque" }));
+        let nan_force = Sample {
+            force: [0.0, f32::NAN, 0.0],
+            ..still()
+        };
+        assert_eq!(
+            decode(&encode(&nan_force)),
+            Err(DecodeError::NotFinite { name: "force" })
+        );
+        let endless_torque = Sample {
+            torque: [f32::INFINITY, 0.0, 0.0],
+            ..still()
+        };
+        assert_eq!(
+            decode(&encode(&endless_torque)),
+            Err(DecodeError::NotFinite { name: "torque" })
+        );
     }
 
     #[test]
     fn another_header_is_named() {
-        assert_eq!(decode(&[0xAB]), Err(DecodeError::Field { name: "header", value: 0xAB }));
+        assert_eq!(
+            decode(&[0xAB]),
+            Err(DecodeError::Field {
+                name: "header",
+                value: 0xAB
+            })
+        );
     }
 
     #[test]
     fn commands_read_as_the_maker_writes_them() {
-        let text = |command: Command| String::from_utf8(command.text().as_bytes().to_vec()).unwrap();
-        let filter = Filter { sinc_length: 256, chop: false, fast: false, fir_disable: true };
+        let text =
+            |command: Command| String::from_utf8(command.text().as_bytes().to_vec()).unwrap();
+        let filter = Filter {
+            sinc_length: 256,
+            chop: false,
+            fast: false,
+            fir_disable: true,
+        };
         let setup = Command::CommSetup {
             temperature_compensation: false,
             calibration: true,
@@ -415,18 +496,43 @@ mod tests {
 
     #[test]
     fn acks_decode_and_a_foreign_letter_is_refused() {
-        let ack = Ack { digit: 0, command: b'f', return_code: 3 };
-        assert_eq!(decode_ack(b"r,0,f,3\r\n"), Ok(Parsed::Complete { value: ack, used: 7 }));
+        let ack = Ack {
+            digit: 0,
+            command: b'f',
+            return_code: 3,
+        };
+        assert_eq!(
+            decode_ack(b"r,0,f,3\r\n"),
+            Ok(Parsed::Complete {
+                value: ack,
+                used: 7
+            })
+        );
         assert_eq!(encode_ack(ack), *b"r,0,f,3");
-        assert_eq!(decode_ack(b"r;"), Err(DecodeError::Field { name: "ack", value: u32::from(b';') }));
+        assert_eq!(
+            decode_ack(b"r;"),
+            Err(DecodeError::Field {
+                name: "ack",
+                value: u32::from(b';')
+            })
+        );
     }
 
     #[test]
     fn boot_text_says_who_is_there() {
         assert_eq!(decode_boot_line(b"App Init"), Some(BootLine::AppInit));
-        assert_eq!(decode_boot_line(b"name: BFT-SENS-SER-M8"), Some(BootLine::Name("BFT-SENS-SER-M8")));
-        assert_eq!(decode_boot_line(b"S/N: 000123"), Some(BootLine::SerialNumber("000123")));
-        assert_eq!(decode_boot_line(b"FW version: 1.2.3"), Some(BootLine::Firmware("1.2.3")));
+        assert_eq!(
+            decode_boot_line(b"name: BFT-SENS-SER-M8"),
+            Some(BootLine::Name("BFT-SENS-SER-M8"))
+        );
+        assert_eq!(
+            decode_boot_line(b"S/N: 000123"),
+            Some(BootLine::SerialNumber("000123"))
+        );
+        assert_eq!(
+            decode_boot_line(b"FW version: 1.2.3"),
+            Some(BootLine::Firmware("1.2.3"))
+        );
         assert_eq!(decode_boot_line(b"c,0,1,0,4"), None);
         assert_eq!(decode_boot_line(&[0xFF, b'S']), None);
     }

@@ -14,7 +14,10 @@ pub(crate) struct Layout<const N: usize> {
 
 impl<const N: usize> Layout<N> {
     pub(crate) const fn new() -> Self {
-        Self { bytes: [0; N], len: 0 }
+        Self {
+            bytes: [0; N],
+            len: 0,
+        }
     }
 
     /// Appends `field`; what does not fit is left out.

@@ -25,7 +25,12 @@ impl CanFrame {
     fn build(arbitration_id: u32, extended: bool, payload: &[u8]) -> Option<Self> {
         let mut data = [0; 8];
         data.get_mut(..payload.len())?.copy_from_slice(payload);
-        Some(Self { arbitration_id, extended, data, dlc: u8::try_from(payload.len()).ok()? })
+        Some(Self {
+            arbitration_id,
+            extended,
+            data,
+            dlc: u8::try_from(payload.len()).ok()?,
+        })
     }
 
     /// The arbitration id, 11 or 29 bits.

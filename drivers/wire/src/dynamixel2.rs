@@ -74,7 +74,10 @@ impl Params {
     /// Parameters of `bytes`, or `None` when they are more than [`MAX_PARAMS`].
     #[must_use]
     pub fn new(bytes: &[u8]) -> Option<Self> {
-        let mut params = Self { bytes: [0; MAX_PARAMS], len: bytes.len() };
+        let mut params = Self {
+            bytes: [0; MAX_PARAMS],
+            len: bytes.len(),
+        };
         params.bytes.get_mut(..bytes.len())?.copy_from_slice(bytes);
         Some(params)
     }
@@ -145,7 +148,14 @@ impl Packet {
     /// A ping of device `id`.
     #[must_use]
     pub const fn ping(id: u8) -> Self {
-        Self::Instruction { id, code: instruction::PING, params: Params { bytes: [0; MAX_PARAMS], len: 0 } }
+        Self::Instruction {
+            id,
+            code: instruction::PING,
+            params: Params {
+                bytes: [0; MAX_PARAMS],
+                len: 0,
+            },
+        }
     }
 
     /// A read of `len` bytes at `address`.
@@ -153,7 +163,11 @@ impl Packet {
     pub fn read(id: u8, address: u16, len: u16) -> Self {
         let ([a0, a1], [l0, l1]) = (address.to_le_bytes(), len.to_le_bytes());
         let params = Params::new(&[a0, a1, l0, l1]);
-        params.map_or(Self::ping(id), |params| Self::Instruction { id, code: instruction::READ, params })
+        params.map_or(Self::ping(id), |params| Self::Instruction {
+            id,
+            code: instruction::READ,
+            params,
+        })
     }
 
     /// A write of `data` at `address`, or `None` when it is longer than fits.
@@ -164,7 +178,11 @@ impl Packet {
             return None;
         }
         let params = Params::new(all.put(&address.to_le_bytes()).put(data).so_far())?;
-        Some(Self::Instruction { id, code: instruction::WRITE, params })
+        Some(Self::Instruction {
+            id,
+            code: instruction::WRITE,
+            params,
+        })
     }
 }
 
@@ -205,7 +223,10 @@ pub fn encode(packet: &Packet) -> PacketBytes {
     }
     let length = u16::try_from(body.so_far().len() + 2).unwrap_or(u16::MAX);
     let mut out = Layout::<MAX_LEN>::new();
-    out.put(&HEADER).put(&[id]).put(&length.to_le_bytes()).put(body.so_far());
+    out.put(&HEADER)
+        .put(&[id])
+        .put(&length.to_le_bytes())
+        .put(body.so_far());
     let crc = DYNAMIXEL.checksum(out.so_far());
     out.put(&crc.to_le_bytes());
     PacketBytes(out)
@@ -218,23 +239,41 @@ pub fn encode(packet: &Packet) -> PacketBytes {
 pub fn decode(bytes: &[u8]) -> Result<Parsed<Packet>, DecodeError> {
     for (byte, expected) in bytes.iter().zip(HEADER) {
         if *byte != expected {
-            return Err(DecodeError::Field { name: "header", value: u32::from(*byte) });
+            return Err(DecodeError::Field {
+                name: "header",
+                value: u32::from(*byte),
+            });
         }
     }
-    let (Some(&id), Some(length)) = (bytes.get(4), field(bytes, 5)) else { return Ok(Parsed::Incomplete) };
+    let (Some(&id), Some(length)) = (bytes.get(4), field(bytes, 5)) else {
+        return Ok(Parsed::Incomplete);
+    };
     let length = usize::from(u16::from_le_bytes(length));
     if !(3..=MAX_BODY + 2).contains(&length) {
-        return Err(DecodeError::Length { expected: MAX_BODY + 2, got: length });
+        return Err(DecodeError::Length {
+            expected: MAX_BODY + 2,
+            got: length,
+        });
     }
     let used = HEAD + length;
-    let Some(frame) = bytes.get(..used) else { return Ok(Parsed::Incomplete) };
-    let Some((checked, crc)) = frame.split_last_chunk::<2>() else { return Ok(Parsed::Incomplete) };
+    let Some(frame) = bytes.get(..used) else {
+        return Ok(Parsed::Incomplete);
+    };
+    let Some((checked, crc)) = frame.split_last_chunk::<2>() else {
+        return Ok(Parsed::Incomplete);
+    };
     let (computed, carried) = (DYNAMIXEL.checksum(checked), u16::from_le_bytes(*crc));
     if computed != carried {
-        return Err(DecodeError::Checksum { computed: computed.into(), carried: carried.into() });
+        return Err(DecodeError::Checksum {
+            computed: computed.into(),
+            carried: carried.into(),
+        });
     }
     let plain = unstuff(checked.get(HEAD..).unwrap_or_default())?;
-    Ok(Parsed::Complete { value: interpret(id, plain.so_far())?, used })
+    Ok(Parsed::Complete {
+        value: interpret(id, plain.so_far())?,
+        used,
+    })
 }
 
 fn unstuff(body: &[u8]) -> Result<Layout<MAX_BODY>, DecodeError> {
@@ -249,7 +288,10 @@ fn unstuff(body: &[u8]) -> Result<Layout<MAX_BODY>, DecodeError> {
                 Some(0xFD) => {}
                 other => {
                     let value = other.map_or(u32::MAX, |byte| u32::from(*byte));
-                    return Err(DecodeError::Field { name: "stuffing", value });
+                    return Err(DecodeError::Field {
+                        name: "stuffing",
+                        value,
+                    });
                 }
             }
         }
@@ -258,17 +300,31 @@ fn unstuff(body: &[u8]) -> Result<Layout<MAX_BODY>, DecodeError> {
 }
 
 fn interpret(id: u8, plain: &[u8]) -> Result<Packet, DecodeError> {
-    let too_many = |params: &[u8]| DecodeError::Length { expected: MAX_PARAMS, got: params.len() };
+    let too_many = |params: &[u8]| DecodeError::Length {
+        expected: MAX_PARAMS,
+        got: params.len(),
+    };
     match plain {
         [STATUS, error, params @ ..] => {
             let params = Params::new(params).ok_or_else(|| too_many(params))?;
-            Ok(Packet::Status { id, error: StatusError(*error), params })
+            Ok(Packet::Status {
+                id,
+                error: StatusError(*error),
+                params,
+            })
         }
         [code, params @ ..] if *code != STATUS => {
             let params = Params::new(params).ok_or_else(|| too_many(params))?;
-            Ok(Packet::Instruction { id, code: *code, params })
+            Ok(Packet::Instruction {
+                id,
+                code: *code,
+                params,
+            })
         }
-        _ => Err(DecodeError::Length { expected: 2, got: plain.len() }),
+        _ => Err(DecodeError::Length {
+            expected: 2,
+            got: plain.len(),
+        }),
     }
 }
 
@@ -290,7 +346,10 @@ impl PresentState {
     /// It has not 10 bytes.
     pub fn decode(params: &[u8]) -> Result<Self, DecodeError> {
         let Ok([c0, c1, v0, v1, v2, v3, p0, p1, p2, p3]) = <[u8; 10]>::try_from(params) else {
-            return Err(DecodeError::Length { expected: 10, got: params.len() });
+            return Err(DecodeError::Length {
+                expected: 10,
+                got: params.len(),
+            });
         };
         Ok(Self {
             current: i16::from_le_bytes([c0, c1]),
@@ -303,7 +362,9 @@ impl PresentState {
     #[must_use]
     pub fn encode(&self) -> [u8; 10] {
         let mut block = Layout::<10>::new();
-        block.put(&self.current.to_le_bytes()).put(&self.velocity.to_le_bytes());
+        block
+            .put(&self.current.to_le_bytes())
+            .put(&self.velocity.to_le_bytes());
         block.put(&self.position.to_le_bytes()).finish()
     }
 }
@@ -326,24 +387,47 @@ mod tests {
     const STUFFED: &str = "FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7";
 
     fn status(params: &[u8]) -> Packet {
-        Packet::Status { id: 1, error: StatusError(0), params: Params::new(params).unwrap() }
+        Packet::Status {
+            id: 1,
+            error: StatusError(0),
+            params: Params::new(params).unwrap(),
+        }
     }
 
     #[test]
     fn golden_bytes_decode_and_encode() {
-        let state = PresentState { current: -100, velocity: 5, position: 2048 };
+        let state = PresentState {
+            current: -100,
+            velocity: 5,
+            position: 2048,
+        };
         for (bytes, packet) in [
             (READ_POSITION, Packet::read(1, 132, 4)),
             (REPLY_166, status(&166_i32.to_le_bytes())),
             (PING, Packet::ping(1)),
             (PING_REPLY, status(&[0x06, 0x04, 0x26])),
-            (READ_STATE, Packet::read(1, address::PRESENT_STATE, PRESENT_STATE_LEN)),
+            (
+                READ_STATE,
+                Packet::read(1, address::PRESENT_STATE, PRESENT_STATE_LEN),
+            ),
             (REPLY_STATE, status(&state.encode())),
-            (TORQUE_OFF, Packet::write(1, address::TORQUE_ENABLE, &[0]).unwrap()),
-            (STUFFED, Packet::write(1, 116, &0x00FD_FFFF_i32.to_le_bytes()).unwrap()),
+            (
+                TORQUE_OFF,
+                Packet::write(1, address::TORQUE_ENABLE, &[0]).unwrap(),
+            ),
+            (
+                STUFFED,
+                Packet::write(1, 116, &0x00FD_FFFF_i32.to_le_bytes()).unwrap(),
+            ),
         ] {
             let bytes = hex(bytes);
-            assert_eq!(decode(&bytes), Ok(Parsed::Complete { value: packet, used: bytes.len() }));
+            assert_eq!(
+                decode(&bytes),
+                Ok(Parsed::Complete {
+                    value: packet,
+                    used: bytes.len()
+                })
+            );
             assert_eq!(encode(&packet).as_slice(), bytes);
         }
         assert_eq!(PresentState::decode(&state.encode()), Ok(state));
@@ -364,29 +448,67 @@ mod tests {
     #[test]
     fn a_length_that_cannot_be_is_refused_at_once() {
         let too_long = [0xFF, 0xFF, 0xFD, 0x00, 1, 0xFF, 0xFF];
-        assert_eq!(decode(&too_long), Err(DecodeError::Length { expected: MAX_BODY + 2, got: 0xFFFF }));
+        assert_eq!(
+            decode(&too_long),
+            Err(DecodeError::Length {
+                expected: MAX_BODY + 2,
+                got: 0xFFFF
+            })
+        );
         let too_short = [0xFF, 0xFF, 0xFD, 0x00, 1, 2, 0];
-        assert_eq!(decode(&too_short), Err(DecodeError::Length { expected: MAX_BODY + 2, got: 2 }));
+        assert_eq!(
+            decode(&too_short),
+            Err(DecodeError::Length {
+                expected: MAX_BODY + 2,
+                got: 2
+            })
+        );
     }
 
     #[test]
     fn a_stuffed_header_is_no_header() {
-        assert_eq!(decode(&[0xFF, 0xFF, 0xFD, 0xFD]), Err(DecodeError::Field { name: "header", value: 0xFD }));
+        assert_eq!(
+            decode(&[0xFF, 0xFF, 0xFD, 0xFD]),
+            Err(DecodeError::Field {
+                name: "header",
+                value: 0xFD
+            })
+        );
     }
 
     #[test]
     fn a_missing_stuffing_byte_is_refused_although_the_crc_is_right() {
-        let mut frame = vec![0xFF, 0xFF, 0xFD, 0x00, 1, 9, 0, 3, 74, 0, 0xFF, 0xFF, 0xFD, 0];
+        let mut frame = vec![
+            0xFF, 0xFF, 0xFD, 0x00, 1, 9, 0, 3, 74, 0, 0xFF, 0xFF, 0xFD, 0,
+        ];
         frame.extend(DYNAMIXEL.checksum(&frame).to_le_bytes());
-        assert_eq!(decode(&frame), Err(DecodeError::Field { name: "stuffing", value: 0 }));
+        assert_eq!(
+            decode(&frame),
+            Err(DecodeError::Field {
+                name: "stuffing",
+                value: 0
+            })
+        );
     }
 
     #[test]
     fn a_status_without_an_error_byte_is_refused() {
         let mut frame = vec![0xFF, 0xFF, 0xFD, 0x00, 1, 3, 0, STATUS];
         frame.extend(DYNAMIXEL.checksum(&frame).to_le_bytes());
-        assert_eq!(decode(&frame), Err(DecodeError::Length { expected: 2, got: 1 }));
-        assert_eq!(PresentState::decode(&[0; 9]), Err(DecodeError::Length { expected: 10, got: 9 }));
+        assert_eq!(
+            decode(&frame),
+            Err(DecodeError::Length {
+                expected: 2,
+                got: 1
+            })
+        );
+        assert_eq!(
+            PresentState::decode(&[0; 9]),
+            Err(DecodeError::Length {
+                expected: 10,
+                got: 9
+            })
+        );
     }
 
     #[test]

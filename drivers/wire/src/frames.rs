@@ -44,7 +44,11 @@ impl<F> Wrench<F> {
     /// A wrench from force (N) and torque (N m).
     #[must_use]
     pub const fn new(force: [f64; 3], torque: [f64; 3]) -> Self {
-        Self { force, torque, frame: PhantomData }
+        Self {
+            force,
+            torque,
+            frame: PhantomData,
+        }
     }
 
     /// Force then torque.
@@ -101,7 +105,11 @@ impl<A, B> Pose<A, B> {
     /// A pose from a position (m) and a unit quaternion x y z w.
     #[must_use]
     pub const fn new(position: [f64; 3], quaternion: [f64; 4]) -> Self {
-        Self { position, quaternion, frames: PhantomData }
+        Self {
+            position,
+            quaternion,
+            frames: PhantomData,
+        }
     }
 }
 

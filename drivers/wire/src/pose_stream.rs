@@ -56,53 +56,89 @@ pub struct PoseSample {
 /// The bytes cannot become a frame (sync, version, length), the CRC is wrong, or a value is out of its range.
 pub fn decode(bytes: &[u8]) -> Result<Parsed<PoseSample>, DecodeError> {
     let head = [SYNC[0], SYNC[1], VERSION, LENGTH_BYTE];
-    for ((name, expected), byte) in ["sync", "sync", "version", "length"].into_iter().zip(head).zip(bytes) {
+    for ((name, expected), byte) in ["sync", "sync", "version", "length"]
+        .into_iter()
+        .zip(head)
+        .zip(bytes)
+    {
         if *byte != expected {
-            return Err(DecodeError::Field { name, value: u32::from(*byte) });
+            return Err(DecodeError::Field {
+                name,
+                value: u32::from(*byte),
+            });
         }
     }
-    let Some(frame) = bytes.first_chunk::<FRAME_LEN>() else { return Ok(Parsed::Incomplete) };
+    let Some(frame) = bytes.first_chunk::<FRAME_LEN>() else {
+        return Ok(Parsed::Incomplete);
+    };
     let sample = decode_frame(frame)?;
-    Ok(Parsed::Complete { value: sample, used: FRAME_LEN })
+    Ok(Parsed::Complete {
+        value: sample,
+        used: FRAME_LEN,
+    })
 }
 
 fn decode_frame(frame: &[u8; FRAME_LEN]) -> Result<PoseSample, DecodeError> {
     let carried = u16::from_le_bytes(field(frame, 72).unwrap_or_default());
     let computed = X25.checksum(frame.get(2..72).unwrap_or_default());
     if computed != carried {
-        return Err(DecodeError::Checksum { computed: computed.into(), carried: carried.into() });
+        return Err(DecodeError::Checksum {
+            computed: computed.into(),
+            carried: carried.into(),
+        });
     }
     let f64_at = |at| f64::from_le_bytes(field(frame, at).unwrap_or_default());
     let ticks = u64::from_le_bytes(field(frame, 4).unwrap_or_default());
     let Ok(tracking_ns) = i64::try_from(ticks) else {
-        return Err(DecodeError::Field { name: "tracking timestamp's high half", value: high_half(ticks) });
+        return Err(DecodeError::Field {
+            name: "tracking timestamp's high half",
+            value: high_half(ticks),
+        });
     };
     let position = [12, 20, 28].map(f64_at);
     let quaternion = [36, 44, 52, 60].map(f64_at);
     let quality_score = f32::from_le_bytes(field(frame, 68).unwrap_or_default());
     check_values(position, quaternion, quality_score)?;
-    Ok(PoseSample { tracking_ns, position, quaternion, quality_score })
+    Ok(PoseSample {
+        tracking_ns,
+        position,
+        quaternion,
+        quality_score,
+    })
 }
 
 fn high_half(ticks: u64) -> u32 {
     u32::try_from(ticks >> 32).unwrap_or(u32::MAX)
 }
 
-fn check_values(position: [f64; 3], quaternion: [f64; 4], quality_score: f32) -> Result<(), DecodeError> {
+fn check_values(
+    position: [f64; 3],
+    quaternion: [f64; 4],
+    quality_score: f32,
+) -> Result<(), DecodeError> {
     if !position.iter().all(|component| component.is_finite()) {
         return Err(DecodeError::NotFinite { name: "position" });
     }
-    let norm_squared: f64 = quaternion.iter().map(|component| component * component).sum();
+    let norm_squared: f64 = quaternion
+        .iter()
+        .map(|component| component * component)
+        .sum();
     if !norm_squared.is_finite() {
         return Err(DecodeError::NotFinite { name: "quaternion" });
     }
     if (norm_squared - 1.0).abs() > NORM_TOLERANCE {
         #[allow(clippy::cast_possible_truncation, reason = "only shown")]
         let value = (norm_squared as f32).to_bits();
-        return Err(DecodeError::Field { name: "quaternion's squared norm (f32 bits)", value });
+        return Err(DecodeError::Field {
+            name: "quaternion's squared norm (f32 bits)",
+            value,
+        });
     }
     if !(0.0..=1.0).contains(&quality_score) {
-        return Err(DecodeError::Field { name: "quality score (f32 bits)", value: quality_score.to_bits() });
+        return Err(DecodeError::Field {
+            name: "quality score (f32 bits)",
+            value: quality_score.to_bits(),
+        });
     }
     Ok(())
 }
@@ -154,7 +190,13 @@ mod tests {
 
     #[test]
     fn golden_bytes_decode_and_encode() {
-        assert_eq!(decode(&golden()), Ok(Parsed::Complete { value: SAMPLE, used: FRAME_LEN }));
+        assert_eq!(
+            decode(&golden()),
+            Ok(Parsed::Complete {
+                value: SAMPLE,
+                used: FRAME_LEN
+            })
+        );
         assert_eq!(encode(&SAMPLE).as_slice(), golden());
     }
 
@@ -171,7 +213,9 @@ mod tests {
     #[test]
     fn each_field_out_of_its_range_is_named() {
         let refused = |name: &str, frame: &[u8]| match decode(frame) {
-            Err(DecodeError::Field { name: found, .. } | DecodeError::NotFinite { name: found }) => {
+            Err(
+                DecodeError::Field { name: found, .. } | DecodeError::NotFinite { name: found },
+            ) => {
                 assert!(found.starts_with(name), "{found}");
             }
             other => panic!("{name}: {other:?}"),
@@ -180,10 +224,22 @@ mod tests {
         refused("version", &[0xA5, 0x5A, 2]);
         refused("length", &[0xA5, 0x5A, 1, 75]);
         refused("tracking timestamp", &edited(|frame| frame[11] = 0x80));
-        refused("position", &edited(|frame| frame[12..20].copy_from_slice(&f64::NAN.to_le_bytes())));
-        refused("quaternion", &edited(|frame| frame[36..44].copy_from_slice(&f64::INFINITY.to_le_bytes())));
-        refused("quaternion's squared norm", &edited(|frame| frame[36..44].copy_from_slice(&0.6_f64.to_le_bytes())));
-        refused("quality", &edited(|frame| frame[68..72].copy_from_slice(&f32::NAN.to_le_bytes())));
+        refused(
+            "position",
+            &edited(|frame| frame[12..20].copy_from_slice(&f64::NAN.to_le_bytes())),
+        );
+        refused(
+            "quaternion",
+            &edited(|frame| frame[36..44].copy_from_slice(&f64::INFINITY.to_le_bytes())),
+        );
+        refused(
+            "quaternion's squared norm",
+            &edited(|frame| frame[36..44].copy_from_slice(&0.6_f64.to_le_bytes())),
+        );
+        refused(
+            "quality",
+            &edited(|frame| frame[68..72].copy_from_slice(&f32::NAN.to_le_bytes())),
+        );
     }
 
     proptest! {

@@ -22,14 +22,15 @@
 //! hardware.md 2.2: maker's manual 1.82, maker's source, three independent drivers [A]. The padding of text fields is
 //! unconfirmed (NUL and space are both taken off).
 
+mod can;
 mod settings;
 
 use core::fmt;
 
+pub use can::{CanIds, Half, command_frame, decode_half, join, response_frames};
 pub use settings::{FilterSetting, MODELS, Model, max_rate_hz_at, model_named, rate_code, rate_hz};
 
 use crate::bytes::{Layout, field};
-use crate::can::CanFrame;
 use crate::error::DecodeError;
 use crate::stream::Parsed;
 
@@ -80,7 +81,8 @@ impl Text {
     #[must_use]
     pub fn as_str(&self) -> Option<&str> {
         let text = core::str::from_utf8(&self.0).ok()?;
-        text.is_ascii().then(|| text.trim_matches(['\0', ' ', '\r', '\n']))
+        text.is_ascii()
+            .then(|| text.trim_matches(['\0', ' ', '\r', '\n']))
     }
 
     /// A text of at most 15 ASCII characters, padded with NUL.
@@ -108,7 +110,10 @@ pub struct Outcome {
 
 impl Outcome {
     /// The setting was taken.
-    pub const TAKEN: Self = Self { result: 1, error: 0 };
+    pub const TAKEN: Self = Self {
+        result: 1,
+        error: 0,
+    };
 
     /// What the error number means.
     #[must_use]
@@ -192,7 +197,10 @@ impl Command {
             0x01 => Self::ReadModel,
             0x02 => Self::ReadSerialNumber,
             0x03 => Self::ReadFirmware,
-            0x08 => Self::SetFilter(FilterSetting { kind: first, code: second }),
+            0x08 => Self::SetFilter(FilterSetting {
+                kind: first,
+                code: second,
+            }),
             0x09 => Self::ReadFilter,
             0x0A => Self::ReadOnce,
             0x0B => Self::Start,
@@ -200,9 +208,19 @@ impl Command {
             0x0F => Self::SetRate(first),
             0x10 => Self::ReadRate,
             0x11 if first <= 1 => Self::SetBias(first == 1),
-            0x11 => return Err(DecodeError::Field { name: "bias", value: first.into() }),
+            0x11 => {
+                return Err(DecodeError::Field {
+                    name: "bias",
+                    value: first.into(),
+                });
+            }
             0x12 => Self::ReadOverloadCounters,
-            other => return Err(DecodeError::Field { name: "D1", value: other.into() }),
+            other => {
+                return Err(DecodeError::Field {
+                    name: "D1",
+                    value: other.into(),
+                });
+            }
         })
     }
 }
@@ -234,19 +252,30 @@ impl Response {
     pub fn from_data(data: [u8; 16]) -> Result<Self, DecodeError> {
         let [number, rest @ ..] = data;
         let [first, second, third, fourth, fifth, sixth, ..] = rest;
-        let outcome = Outcome { result: first, error: second };
+        let outcome = Outcome {
+            result: first,
+            error: second,
+        };
         Ok(match number {
             0x01 => Self::Model(Text(rest)),
             0x02 => Self::SerialNumber(Text(rest)),
             0x03 => Self::Firmware(Text(rest)),
             0x08 => Self::FilterSet(outcome),
-            0x09 => Self::Filter(FilterSetting { kind: first, code: second }),
+            0x09 => Self::Filter(FilterSetting {
+                kind: first,
+                code: second,
+            }),
             0x0A => Self::Once(record(rest)),
             0x0B => Self::Stream(record(rest)),
             0x0F => Self::RateSet(outcome),
             0x10 => Self::Rate(first),
             0x12 => Self::OverloadCounters([first, second, third, fourth, fifth, sixth]),
-            other => return Err(DecodeError::Field { name: "D1", value: other.into() }),
+            other => {
+                return Err(DecodeError::Field {
+                    name: "D1",
+                    value: other.into(),
+                });
+            }
         })
     }
 }
@@ -261,7 +290,11 @@ fn put_record(data: &mut Layout<16>, record: Record) -> &mut Layout<16> {
 fn record(rest: [u8; 15]) -> Record {
     let raw_at = |at| i16::from_be_bytes(field(&rest, at).unwrap_or_default());
     let [.., overload, _, _] = rest;
-    Record { force: [0, 2, 4].map(raw_at), torque: [6, 8, 10].map(raw_at), overload }
+    Record {
+        force: [0, 2, 4].map(raw_at),
+        torque: [6, 8, 10].map(raw_at),
+        overload,
+    }
 }
 
 fn sum(data: &[u8]) -> u8 {
@@ -272,14 +305,22 @@ fn sum(data: &[u8]) -> u8 {
 #[must_use]
 pub fn encode_command(command: Command) -> [u8; COMMAND_LEN] {
     let data = command.to_data();
-    Layout::new().put(&[START]).put(&data).put(&[sum(&data), END]).finish()
+    Layout::new()
+        .put(&[START])
+        .put(&data)
+        .put(&[sum(&data), END])
+        .finish()
 }
 
 /// Writes a response for a serial line.
 #[must_use]
 pub fn encode_response(response: &Response) -> [u8; RESPONSE_LEN] {
     let data = response.to_data();
-    Layout::new().put(&[START]).put(&data).put(&[sum(&data), END]).finish()
+    Layout::new()
+        .put(&[START])
+        .put(&data)
+        .put(&[sum(&data), END])
+        .finish()
 }
 
 /// Reads the command at the start of `bytes`.
@@ -289,7 +330,10 @@ pub fn encode_response(response: &Response) -> [u8; RESPONSE_LEN] {
 pub fn decode_command(bytes: &[u8]) -> Result<Parsed<Command>, DecodeError> {
     match deframe::<8>(bytes)? {
         None => Ok(Parsed::Incomplete),
-        Some(data) => Ok(Parsed::Complete { value: Command::from_data(data)?, used: COMMAND_LEN }),
+        Some(data) => Ok(Parsed::Complete {
+            value: Command::from_data(data)?,
+            used: COMMAND_LEN,
+        }),
     }
 }
 
@@ -300,7 +344,10 @@ pub fn decode_command(bytes: &[u8]) -> Result<Parsed<Command>, DecodeError> {
 pub fn decode_response(bytes: &[u8]) -> Result<Parsed<Response>, DecodeError> {
     match deframe::<16>(bytes)? {
         None => Ok(Parsed::Incomplete),
-        Some(data) => Ok(Parsed::Complete { value: Response::from_data(data)?, used: RESPONSE_LEN }),
+        Some(data) => Ok(Parsed::Complete {
+            value: Response::from_data(data)?,
+            used: RESPONSE_LEN,
+        }),
     }
 }
 
@@ -308,86 +355,31 @@ pub fn decode_response(bytes: &[u8]) -> Result<Parsed<Response>, DecodeError> {
 fn deframe<const N: usize>(bytes: &[u8]) -> Result<Option<[u8; N]>, DecodeError> {
     match bytes.first() {
         Some(&START) | None => {}
-        Some(&other) => return Err(DecodeError::Field { name: "start of packet", value: other.into() }),
+        Some(&other) => {
+            return Err(DecodeError::Field {
+                name: "start of packet",
+                value: other.into(),
+            });
+        }
     }
-    let (Some(data), Some([carried, end])) = (field::<N>(bytes, 1), field::<2>(bytes, 1 + N)) else {
+    let (Some(data), Some([carried, end])) = (field::<N>(bytes, 1), field::<2>(bytes, 1 + N))
+    else {
         return Ok(None);
     };
     if end != END {
-        return Err(DecodeError::Field { name: "end of packet", value: end.into() });
+        return Err(DecodeError::Field {
+            name: "end of packet",
+            value: end.into(),
+        });
     }
     let computed = sum(&data);
     if computed != carried {
-        return Err(DecodeError::Checksum { computed: computed.into(), carried: carried.into() });
+        return Err(DecodeError::Checksum {
+            computed: computed.into(),
+            carried: carried.into(),
+        });
     }
     Ok(Some(data))
-}
-
-/// Standard CAN ids, 1 to 255 and all different; changed with the maker's tool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CanIds {
-    /// Host to sensor.
-    pub command: u8,
-    /// Sensor to host, D1..D8.
-    pub first: u8,
-    /// Sensor to host, D9..D16.
-    pub second: u8,
-}
-
-impl Default for CanIds {
-    fn default() -> Self {
-        Self { command: 0x64, first: 0x01, second: 0x02 }
-    }
-}
-
-/// Half of a response on CAN.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Half {
-    /// D1..D8.
-    First([u8; 8]),
-    /// D9..D16.
-    Second([u8; 8]),
-}
-
-/// Reads half of a response.
-///
-/// # Errors
-/// The id is neither of the sensor's, or the payload has not 8 bytes.
-pub fn decode_half(ids: CanIds, frame: &CanFrame) -> Result<Half, DecodeError> {
-    let make = match frame.arbitration_id() {
-        id if frame.is_extended() => return Err(DecodeError::Field { name: "extended can_id", value: id }),
-        id if id == u32::from(ids.first) => Half::First,
-        id if id == u32::from(ids.second) => Half::Second,
-        value => return Err(DecodeError::Field { name: "can_id", value }),
-    };
-    let payload = frame.payload();
-    let data = <[u8; 8]>::try_from(payload)
-        .map_err(|_| DecodeError::Length { expected: 8, got: payload.len() })?;
-    Ok(make(data))
-}
-
-/// Joins the halves of a response. That they belong together is the caller's to know.
-///
-/// # Errors
-/// D1 is no response known here.
-pub fn join(first: [u8; 8], second: [u8; 8]) -> Result<Response, DecodeError> {
-    Response::from_data(Layout::new().put(&first).put(&second).finish())
-}
-
-/// A command as a CAN frame.
-#[must_use]
-pub fn command_frame(ids: CanIds, command: Command) -> CanFrame {
-    CanFrame::standard(ids.command.into(), &command.to_data()).unwrap_or_default()
-}
-
-/// A response as two CAN frames, in the order in which they are sent.
-#[must_use]
-pub fn response_frames(ids: CanIds, response: &Response) -> [CanFrame; 2] {
-    let data = response.to_data();
-    let half = |id: u8, at| {
-        CanFrame::standard(id.into(), &field::<8>(&data, at).unwrap_or_default()).unwrap_or_default()
-    };
-    [half(ids.first, 0), half(ids.second, 8)]
 }
 
 #[cfg(test)]

@@ -54,7 +54,10 @@ impl Chunk {
 
 impl Default for Chunk {
     fn default() -> Self {
-        Self { bytes: [0; Self::CAPACITY], len: 0 }
+        Self {
+            bytes: [0; Self::CAPACITY],
+            len: 0,
+        }
     }
 }
 

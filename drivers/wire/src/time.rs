@@ -54,20 +54,31 @@ impl HostTime {
 impl Add<Duration> for HostTime {
     type Output = Self;
     fn add(self, step: Duration) -> Self {
-        Self(self.0.saturating_add(i64::try_from(step.as_nanos()).unwrap_or(i64::MAX)))
+        Self(
+            self.0
+                .saturating_add(i64::try_from(step.as_nanos()).unwrap_or(i64::MAX)),
+        )
     }
 }
 
 impl Sub<Duration> for HostTime {
     type Output = Self;
     fn sub(self, step: Duration) -> Self {
-        Self(self.0.saturating_sub(i64::try_from(step.as_nanos()).unwrap_or(i64::MAX)))
+        Self(
+            self.0
+                .saturating_sub(i64::try_from(step.as_nanos()).unwrap_or(i64::MAX)),
+        )
     }
 }
 
 impl fmt::Display for HostTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}.{:09}", self.0.div_euclid(1_000_000_000), self.0.rem_euclid(1_000_000_000))
+        write!(
+            f,
+            "{}.{:09}",
+            self.0.div_euclid(1_000_000_000),
+            self.0.rem_euclid(1_000_000_000)
+        )
     }
 }
 
@@ -81,7 +92,10 @@ impl<D> DeviceTicks<D> {
     /// `ticks` of the clock `D`, in the unit that `D` documents.
     #[must_use]
     pub const fn new(ticks: i64) -> Self {
-        Self { ticks, clock: PhantomData }
+        Self {
+            ticks,
+            clock: PhantomData,
+        }
     }
 
     /// The unwrapped count, in the unit that `D` documents.
@@ -123,7 +137,10 @@ impl Unwrapper {
     /// An unwrapper for a counter of `bits` bits; more than 32 are taken as 32.
     #[must_use]
     pub const fn new(bits: u32) -> Self {
-        Self { bits: if bits > 32 { 32 } else { bits }, last: None }
+        Self {
+            bits: if bits > 32 { 32 } else { bits },
+            last: None,
+        }
     }
 
     /// The unwrapped value of `raw`; the first one is `raw` itself.
@@ -134,7 +151,11 @@ impl Unwrapper {
             None => raw,
             Some(last) => {
                 let step = (raw - last).rem_euclid(modulus);
-                last + if step >= modulus / 2 { step - modulus } else { step }
+                last + if step >= modulus / 2 {
+                    step - modulus
+                } else {
+                    step
+                }
             }
         };
         self.last = Some(self.last.map_or(value, |last| last.max(value)));

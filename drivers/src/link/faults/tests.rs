@@ -6,9 +6,16 @@ use crate::link::replay::ReplayLink;
 fn run(rates: FaultRates, seed: u64) -> (Vec<(Chunk, HostTime)>, Injected) {
     let frames = (0..1_000_u16).map(|index| {
         let arrival = HostTime::from_nanos((i64::from(index) + 1) * 1_000_000);
-        (Chunk::new(&index.to_be_bytes()).unwrap(), RxStamps { arrival })
+        (
+            Chunk::new(&index.to_be_bytes()).unwrap(),
+            RxStamps { arrival },
+        )
     });
-    let mut link = FaultyLink::new(ReplayLink::new(SteppedClock::new(HostTime::EPOCH), frames), rates, seed);
+    let mut link = FaultyLink::new(
+        ReplayLink::new(SteppedClock::new(HostTime::EPOCH), frames),
+        rates,
+        seed,
+    );
     let mut came = Vec::new();
     while let Ok(Some((chunk, stamps))) = link.recv(HostTime::FAR_FUTURE) {
         came.push((chunk, stamps.arrival));
@@ -17,7 +24,9 @@ fn run(rates: FaultRates, seed: u64) -> (Vec<(Chunk, HostTime)>, Injected) {
 }
 
 fn bytes(came: &[(Chunk, HostTime)]) -> Vec<u8> {
-    came.iter().flat_map(|(chunk, _)| chunk.as_slice().to_vec()).collect()
+    came.iter()
+        .flat_map(|(chunk, _)| chunk.as_slice().to_vec())
+        .collect()
 }
 
 fn untouched() -> Vec<u8> {
@@ -45,15 +54,47 @@ fn no_faults_change_nothing() {
 fn each_fault_is_counted_and_does_what_it_says() {
     let (came, injected) = run(FaultRates { loss: 0.1, ..NONE }, 1);
     assert_eq!(came.len() as u64 + injected.lost, 1_000);
-    let (came, injected) = run(FaultRates { duplication: 0.1, ..NONE }, 2);
+    let (came, injected) = run(
+        FaultRates {
+            duplication: 0.1,
+            ..NONE
+        },
+        2,
+    );
     assert_eq!(came.len() as u64, 1_000 + injected.duplicated);
-    let (came, injected) = run(FaultRates { bit_flip: 0.1, ..NONE }, 3);
-    let flipped: u32 = bytes(&came).iter().zip(untouched()).map(|(a, b)| (a ^ b).count_ones()).sum();
+    let (came, injected) = run(
+        FaultRates {
+            bit_flip: 0.1,
+            ..NONE
+        },
+        3,
+    );
+    let flipped: u32 = bytes(&came)
+        .iter()
+        .zip(untouched())
+        .map(|(a, b)| (a ^ b).count_ones())
+        .sum();
     assert_eq!(u64::from(flipped), injected.flipped);
-    let (came, injected) = run(FaultRates { reordering: 0.1, ..NONE }, 4);
-    let backwards = came.windows(2).filter(|pair| pair[1].0.as_slice() < pair[0].0.as_slice()).count();
+    let (came, injected) = run(
+        FaultRates {
+            reordering: 0.1,
+            ..NONE
+        },
+        4,
+    );
+    let backwards = came
+        .windows(2)
+        .filter(|pair| pair[1].0.as_slice() < pair[0].0.as_slice())
+        .count();
     assert_eq!(backwards as u64, injected.reordered);
-    let (came, injected) = run(FaultRates { split: 0.5, merge: 0.5, ..NONE }, 5);
+    let (came, injected) = run(
+        FaultRates {
+            split: 0.5,
+            merge: 0.5,
+            ..NONE
+        },
+        5,
+    );
     assert_eq!(bytes(&came), untouched());
     assert_eq!(came.len() as u64, 1_000 + injected.split - injected.merged);
     let all = [injected.split, injected.merged];
@@ -62,19 +103,49 @@ fn each_fault_is_counted_and_does_what_it_says() {
 
 #[test]
 fn a_stall_delays_and_then_delivers_all_in_order() {
-    let (came, injected) = run(FaultRates { stall: 0.01, stall_for: Duration::from_millis(20), ..NONE }, 6);
+    let (came, injected) = run(
+        FaultRates {
+            stall: 0.01,
+            stall_for: Duration::from_millis(20),
+            ..NONE
+        },
+        6,
+    );
     assert_eq!(bytes(&came), untouched());
     assert!(injected.stalls > 3, "{injected:?}");
-    let late = came.iter().zip(1_i64..).map(|((_, at), due)| at.as_nanos() - due * 1_000_000);
+    let late = came
+        .iter()
+        .zip(1_i64..)
+        .map(|((_, at), due)| at.as_nanos() - due * 1_000_000);
     assert_eq!(late.max(), Some(20_000_000));
     assert!(came.windows(2).all(|pair| pair[0].1 <= pair[1].1));
 }
 
 #[test]
 fn a_stalled_frame_does_not_come_before_its_time() {
-    let frame = (Chunk::new(&[1]).unwrap(), RxStamps { arrival: HostTime::from_nanos(10) });
-    let replay = ReplayLink::new(SteppedClock::new(HostTime::EPOCH), [frame, (frame.0, RxStamps { arrival: HostTime::from_nanos(900) })]);
-    let rates = FaultRates { stall: 1.0, stall_for: Duration::from_nanos(100), ..NONE };
+    let frame = (
+        Chunk::new(&[1]).unwrap(),
+        RxStamps {
+            arrival: HostTime::from_nanos(10),
+        },
+    );
+    let replay = ReplayLink::new(
+        SteppedClock::new(HostTime::EPOCH),
+        [
+            frame,
+            (
+                frame.0,
+                RxStamps {
+                    arrival: HostTime::from_nanos(900),
+                },
+            ),
+        ],
+    );
+    let rates = FaultRates {
+        stall: 1.0,
+        stall_for: Duration::from_nanos(100),
+        ..NONE
+    };
     let mut link = FaultyLink::new(replay, rates, 1);
     assert_eq!(link.recv(HostTime::from_nanos(50)).unwrap(), None);
     let (_, stamps) = link.recv(HostTime::from_nanos(500)).unwrap().unwrap();
@@ -83,7 +154,13 @@ fn a_stalled_frame_does_not_come_before_its_time() {
 
 #[test]
 fn the_same_seed_does_the_same() {
-    let rates = FaultRates { loss: 0.1, bit_flip: 0.1, split: 0.1, merge: 0.1, ..NONE };
+    let rates = FaultRates {
+        loss: 0.1,
+        bit_flip: 0.1,
+        split: 0.1,
+        merge: 0.1,
+        ..NONE
+    };
     assert_eq!(run(rates, 9), run(rates, 9));
     assert_ne!(run(rates, 9).1, run(rates, 10).1);
 }
@@ -91,6 +168,12 @@ fn the_same_seed_does_the_same() {
 #[test]
 fn a_can_frame_is_flipped_but_neither_cut_nor_joined() {
     let frame = CanFrame::extended(0x1234, &[0, 0]).unwrap();
-    assert_eq!(frame.with_flipped(9), CanFrame::extended(0x1234, &[0, 2]).unwrap());
-    assert_eq!((frame.bits(), frame.split(1), frame.merge(&frame)), (16, None, None));
+    assert_eq!(
+        frame.with_flipped(9),
+        CanFrame::extended(0x1234, &[0, 2]).unwrap()
+    );
+    assert_eq!(
+        (frame.bits(), frame.split(1), frame.merge(&frame)),
+        (16, None, None)
+    );
 }

@@ -55,7 +55,10 @@ fn a_far_end_that_closes_is_gone() {
     let (far, path) = pty();
     let mut link = SerialLink::open(&path, 115_200, clock).unwrap();
     drop(far);
-    assert!(matches!(link.recv(in_ms(&clock, 100)), Err(LinkError::Gone { .. })));
+    assert!(matches!(
+        link.recv(in_ms(&clock, 100)),
+        Err(LinkError::Gone { .. })
+    ));
 }
 
 #[test]
@@ -71,9 +74,20 @@ fn a_port_that_we_hold_is_busy_for_others() {
 fn what_cannot_be_opened_says_why() {
     let clock = MonotonicClock::anchored_now();
     let missing = SerialLink::open(Path::new("/dev/ttyUSB-none"), 115_200, clock).unwrap_err();
-    assert!(missing.to_string().contains("/dev/ttyUSB-none does not exist"), "{missing}");
+    assert!(
+        missing
+            .to_string()
+            .contains("/dev/ttyUSB-none does not exist"),
+        "{missing}"
+    );
     let no_tty = SerialLink::open(Path::new("/dev/null"), 115_200, clock);
-    assert!(matches!(no_tty, Err(LinkError::Io { call: "open", .. })), "{no_tty:?}");
-    let denied = open_error("p", serialport::Error::new(ErrorKind::Io(io::ErrorKind::PermissionDenied), ""));
+    assert!(
+        matches!(no_tty, Err(LinkError::Io { call: "open", .. })),
+        "{no_tty:?}"
+    );
+    let denied = open_error(
+        "p",
+        serialport::Error::new(ErrorKind::Io(io::ErrorKind::PermissionDenied), ""),
+    );
     assert!(matches!(denied, LinkError::Denied { .. }));
 }

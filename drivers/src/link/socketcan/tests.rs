@@ -19,14 +19,43 @@ fn each_error_of_the_system_gets_its_advice() {
 }
 
 #[test]
+fn error_frames_are_counted_by_class_and_bus_off_ends_the_link() {
+    let mut errors = CanErrors::default();
+    for classes in [0x20, 0x04, 0x100 | 0x20] {
+        errors.count(classes, "can0").unwrap();
+    }
+    assert_eq!(
+        errors,
+        CanErrors {
+            frames: 3,
+            no_acknowledge: 2,
+            restarted: 1
+        }
+    );
+    assert!(matches!(
+        errors.count(0x40, "can0"),
+        Err(LinkError::BusOff { .. })
+    ));
+}
+
+#[test]
 fn an_interface_that_is_not_there_is_an_error_and_no_panic() {
     let missing = SocketCanLink::open("can-none", &[1, 2], MonotonicClock::anchored_now());
-    assert!(matches!(missing, Err(LinkError::NotFound { .. } | LinkError::Io { .. })), "{missing:?}");
+    assert!(
+        matches!(
+            missing,
+            Err(LinkError::NotFound { .. } | LinkError::Io { .. })
+        ),
+        "{missing:?}"
+    );
 }
 
 #[test]
 fn frames_go_to_the_kernel_and_back() {
-    for frame in [CanFrame::standard(0x64, &[0x0B, 0, 0]), CanFrame::extended(0x1234_5678, &[])] {
+    for frame in [
+        CanFrame::standard(0x64, &[0x0B, 0, 0]),
+        CanFrame::extended(0x1234_5678, &[]),
+    ] {
         let frame = frame.unwrap();
         assert_eq!(from_kernel(&to_kernel(&frame).unwrap()), Some(frame));
     }
@@ -46,8 +75,16 @@ fn frames_cross_a_virtual_bus_with_the_kernels_stamps() {
     for frame in [unwanted, wanted] {
         sender.send(&frame).unwrap();
     }
-    let (frame, stamps) = receiver.recv(before + Duration::from_secs(1)).unwrap().unwrap();
+    let (frame, stamps) = receiver
+        .recv(before + Duration::from_secs(1))
+        .unwrap()
+        .unwrap();
     assert_eq!(frame, wanted);
     assert!(before <= stamps.arrival && stamps.arrival <= clock.now());
-    assert_eq!(receiver.recv(clock.now() + Duration::from_millis(5)).unwrap(), None);
+    assert_eq!(
+        receiver
+            .recv(clock.now() + Duration::from_millis(5))
+            .unwrap(),
+        None
+    );
 }

@@ -19,14 +19,21 @@ impl FilterSetting {
     #[must_use]
     pub fn low_pass(cut_off_hz: u16) -> Option<Self> {
         let at = Self::CUT_OFF_HZ.iter().position(|hz| *hz == cut_off_hz)?;
-        Some(Self { kind: 1, code: u8::try_from(at + 1).ok()? })
+        Some(Self {
+            kind: 1,
+            code: u8::try_from(at + 1).ok()?,
+        })
     }
 
     /// Cut-off, Hz, by manual 1.82; `None` without filter. An older header of the maker numbers them the other way.
     #[must_use]
     pub fn cut_off_hz(self) -> Option<u16> {
         let at = usize::from(self.code).checked_sub(1)?;
-        if self.kind == 1 { Self::CUT_OFF_HZ.get(at).copied() } else { None }
+        if self.kind == 1 {
+            Self::CUT_OFF_HZ.get(at).copied()
+        } else {
+            None
+        }
     }
 }
 
@@ -72,18 +79,60 @@ pub struct Model {
 
 /// The models of the manual.
 pub const MODELS: [Model; 8] = [
-    Model { name: "RFT40-SA01", df: 50.0, dt: 2000.0, max_rate_hz: 200 },
-    Model { name: "RFT44-SB01", df: 50.0, dt: 2000.0, max_rate_hz: 200 },
-    Model { name: "RFT60-HA01", df: 50.0, dt: 2000.0, max_rate_hz: 1000 },
-    Model { name: "RFT64-SB01", df: 50.0, dt: 2000.0, max_rate_hz: 1000 },
-    Model { name: "RFT64-6A01", df: 50.0, dt: 1000.0, max_rate_hz: 1000 },
-    Model { name: "RFT80-6A01", df: 50.0, dt: 1000.0, max_rate_hz: 1000 },
-    Model { name: "RFT80-6A02", df: 50.0, dt: 1000.0, max_rate_hz: 1000 },
-    Model { name: "RFT80-6A03", df: 25.0, dt: 500.0, max_rate_hz: 1000 },
+    Model {
+        name: "RFT40-SA01",
+        df: 50.0,
+        dt: 2000.0,
+        max_rate_hz: 200,
+    },
+    Model {
+        name: "RFT44-SB01",
+        df: 50.0,
+        dt: 2000.0,
+        max_rate_hz: 200,
+    },
+    Model {
+        name: "RFT60-HA01",
+        df: 50.0,
+        dt: 2000.0,
+        max_rate_hz: 1000,
+    },
+    Model {
+        name: "RFT64-SB01",
+        df: 50.0,
+        dt: 2000.0,
+        max_rate_hz: 1000,
+    },
+    Model {
+        name: "RFT64-6A01",
+        df: 50.0,
+        dt: 1000.0,
+        max_rate_hz: 1000,
+    },
+    Model {
+        name: "RFT80-6A01",
+        df: 50.0,
+        dt: 1000.0,
+        max_rate_hz: 1000,
+    },
+    Model {
+        name: "RFT80-6A02",
+        df: 50.0,
+        dt: 1000.0,
+        max_rate_hz: 1000,
+    },
+    Model {
+        name: "RFT80-6A03",
+        df: 25.0,
+        dt: 500.0,
+        max_rate_hz: 1000,
+    },
 ];
 
 /// The manual's entry for the name that a sensor gives.
 #[must_use]
 pub fn model_named(name: &str) -> Option<Model> {
-    MODELS.into_iter().find(|model| name.starts_with(model.name))
+    MODELS
+        .into_iter()
+        .find(|model| name.starts_with(model.name))
 }

@@ -1,0 +1,50 @@
+//! How to set a Bota sensor up.
+
+use std::time::Duration;
+
+use ft_wire::bota_serial::{BaudRate, Filter};
+
+use crate::options::{Sign, Startup};
+
+/// How to set the sensor up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Bit rate at which the line is open and that the sensor is told to keep. Default 460 800 bit/s, to which the
+    /// maker's driver switches; the factory's is 230 400.
+    pub baud: BaudRate,
+    /// Filter, which sets the rate: about 51 200 Hz / `sinc_length`. Default sinc 64 without FIR, 800 Hz, which the
+    /// maker calls the practical top.
+    pub filter: Filter,
+    /// Whether the sensor compensates its temperature. Default no, as the maker's driver.
+    pub temperature_compensation: bool,
+    /// Which side's wrench the sensor reports. Default environment on tool; unconfirmed on hardware.
+    pub sign: Sign,
+    /// Set the sensor up, or only listen. Default set up.
+    pub startup: Startup,
+    /// Longest wait for an acknowledgement, and for the first sample. Default 2 s, the maker's.
+    pub ack_timeout: Duration,
+    /// Silence after which the stream counts as lost. Default 500 ms; sinc 4096 with chop needs 1.77 s.
+    pub silence_timeout: Duration,
+    /// Pause between being lost and the next attempt. Default 1 s.
+    pub retry_after: Duration,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            baud: BaudRate::Bps460800,
+            filter: Filter {
+                sinc_length: 64,
+                chop: false,
+                fast: false,
+                fir_disable: true,
+            },
+            temperature_compensation: false,
+            sign: Sign::default(),
+            startup: Startup::default(),
+            ack_timeout: Duration::from_secs(2),
+            silence_timeout: Duration::from_millis(500),
+            retry_after: Duration::from_secs(1),
+        }
+    }
+}
