@@ -28,7 +28,7 @@ use crate::summary::Summary;
 /// # Errors
 /// `file` cannot be read or has no raw frames or no configuration; `out` exists or cannot be written.
 pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, SessionError> {
-    let (config, start) = configuration(file)?;
+    let Source { config, start, first_samples } = Source::read(file)?;
     let plan = Plan { config, record: Some(out.to_owned()), overwrite, duration: None, publish: false };
     let buffer = Buffer::default();
     let counters: Vec<_> = plan.config.devices.iter().map(|_| Arc::new(StreamCounters::default())).collect();
@@ -48,7 +48,7 @@ pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, Sessi
         feeds.push(feed);
     }
     let mut stepping = Stepping::begin(&plan, links, &counters, buffer, start, "replayed")?;
-    feed_all(file, &plan.config, &feeds, &mut stepping)?;
+    feed_all(file, &plan.config, &first_samples, &feeds, &mut stepping)?;
     stepping.finish()
 }
 
@@ -82,7 +82,17 @@ impl<F: RawFrame> Link for FedLink<F> {
     }
 }
 
-fn feed_all(file: &Path, config: &Config, feeds: &[Feed], stepping: &mut Stepping) -> Result<(), SessionError> {
+/// How long before its first sample a device's frames are fed: the first sample's frame may have come in two pieces.
+const LEAD: Duration = Duration::from_millis(1);
+
+/// Frames of the set-up are left out: here nobody asks, so their answers answer nothing.
+fn feed_all(
+    file: &Path,
+    config: &Config,
+    first_samples: &BTreeMap<String, HostTime>,
+    feeds: &[Feed],
+    stepping: &mut Stepping,
+) -> Result<(), SessionError> {
     let mut reader = RecordReader::open(file)?;
     let mut topics = BTreeMap::new();
     while let Some(record) = reader.next_record()? {
@@ -93,10 +103,14 @@ fn feed_all(file: &Path, config: &Config, feeds: &[Feed], stepping: &mut Steppin
             Record::Message(message) => {
                 let now = HostTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
                 let topic = topics.get(&message.channel_id).map_or("", String::as_str);
-                let device = topic.strip_prefix("/raw/").and_then(|name| config.devices.iter().position(|device| device.name == name));
-                if let Some(feed) = device.and_then(|index| feeds.get(index)) {
-                    feed.borrow_mut().push_back((message.data.to_vec(), now));
-                    stepping.step(now)?;
+                let name = topic.strip_prefix("/raw/");
+                let found = config.devices.iter().zip(feeds).find(|(device, _)| Some(device.name.as_str()) == name);
+                if let Some((device, feed)) = found {
+                    let first = first_samples.get(device.driver.topic());
+                    if first.is_some_and(|first| now + LEAD >= *first) {
+                        feed.borrow_mut().push_back((message.data.to_vec(), now));
+                        stepping.step(now)?;
+                    }
                 } else if topic == "/marks"
                     && let Ok(mark) = Text::decode(message.data)
                 {
@@ -109,30 +123,41 @@ fn feed_all(file: &Path, config: &Config, feeds: &[Feed], stepping: &mut Steppin
     Ok(())
 }
 
-/// The configuration of a recording, and when it began.
-fn configuration(file: &Path) -> Result<(Config, HostTime), SessionError> {
-    let not = |what| SessionError::NotReplayable { path: file.display().to_string(), what };
-    let mut reader = RecordReader::open(file)?;
-    let (mut session, mut start, mut raw) = (None, None, false);
-    while let Some(record) = reader.next_record()? {
-        match record {
-            Record::Metadata { name, entries } if name == "ft.session" => session = Some(entries),
-            Record::Message(message) if start.is_none() => start = Some(message.log_time),
-            Record::Channel(channel) => raw |= channel.topic.starts_with("/raw/"),
-            _ => {}
-        }
-        if raw && start.is_some() && session.is_some() {
-            break;
-        }
-    }
-    if !raw {
-        return Err(not("there is no /raw/<device> topic: only recordings of ft-capture hold the raw frames"));
-    }
-    let text = session
-        .and_then(|mut entries| entries.remove("config"))
-        .ok_or_else(|| not("the metadata ft.session with the configuration is missing: the drivers are unknown"))?;
-    let config = Config::from_toml(&text, file)?;
-    let start = start.and_then(|nanos| i64::try_from(nanos).ok()).unwrap_or_default();
-    Ok((config, HostTime::from_nanos(start)))
+/// What a first pass over the recording finds.
+struct Source {
+    config: Config,
+    /// When it began.
+    start: HostTime,
+    /// Arrival of the first message of each topic.
+    first_samples: BTreeMap<String, HostTime>,
 }
 
+impl Source {
+    fn read(file: &Path) -> Result<Self, SessionError> {
+        let not = |what| SessionError::NotReplayable { path: file.display().to_string(), what };
+        let mut reader = RecordReader::open(file)?;
+        let (mut session, mut topics, mut first_samples) = (None, BTreeMap::new(), BTreeMap::new());
+        while let Some(record) = reader.next_record()? {
+            match record {
+                Record::Metadata { name, entries } if name == "ft.session" => session = Some(entries),
+                Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
+                Record::Message(message) => {
+                    if let Some(topic) = topics.remove(&message.channel_id) {
+                        let at = HostTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
+                        first_samples.entry(topic).or_insert(at);
+                    }
+                }
+                _ => {}
+            }
+        }
+        if !first_samples.keys().any(|topic| topic.starts_with("/raw/")) {
+            return Err(not("there is no /raw/<device> topic: only recordings of ft-capture hold the raw frames"));
+        }
+        let text = session
+            .and_then(|mut entries| entries.remove("config"))
+            .ok_or_else(|| not("the metadata ft.session with the configuration is missing: the drivers are unknown"))?;
+        let config = Config::from_toml(&text, file)?;
+        let start = first_samples.values().min().copied().unwrap_or_default();
+        Ok(Self { config, start, first_samples })
+    }
+}
