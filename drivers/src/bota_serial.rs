@@ -337,7 +337,11 @@ impl Device for BotaSerial {
             });
             match found {
                 Found::Frame(Message::Sample(sample)) => self.on_sample(&sample, stamps),
-                Found::Frame(Message::Ack(ack)) => self.on_ack(ack, stamps.arrival),
+                Found::Frame(Message::Ack(ack)) => {
+                    // A line end follows.
+                    self.framer.unlock();
+                    self.on_ack(ack, stamps.arrival);
+                }
                 Found::Refused(error) => first_error = first_error.and(Err(error)),
                 Found::Nothing => break,
             }

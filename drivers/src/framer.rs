@@ -68,6 +68,11 @@ impl Framer {
         (self.start, self.end) = (0, 0);
     }
 
+    /// What follows need not be a frame: a search from here is no refused frame.
+    pub(crate) const fn unlock(&mut self) {
+        self.locked = false;
+    }
+
     /// From now on skipped bytes count: the stream has begun.
     pub(crate) const fn begin_counting(&mut self) {
         self.counting = true;
