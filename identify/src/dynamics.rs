@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::effect::{Effect, RigidBody};
+use crate::effect::{Column, Effect, RigidBody};
 use crate::lag::{self, Lag};
 use crate::least_squares::{FitError, bounded_least_squares, effective_count, rms};
 use crate::mechanism::SplineMechanism;
@@ -105,10 +105,19 @@ pub fn fit_base(motion: &Motion) -> Result<EffortModel, DynamicsError> {
 /// # Errors
 /// [`DynamicsError`].
 pub fn fit_parametric(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
-    let design = Design::new(motion, effects, None)?;
-    let fit = bounded_least_squares(&design.y, &design.tau, &design.bounds, 1e-6)?;
-    let held_out_rms = design.held_out(motion, &[0.0, 0.0]);
-    Ok(design.model(fit.theta.as_slice(), fit.covariance, None, held_out_rms))
+    Design::new(motion, effects, None)?.parametric()
+}
+
+/// Fits columns that the caller filtered; `folds` = fold of each sample and their number, for the held-out error.
+///
+/// # Errors
+/// [`DynamicsError::Fit`].
+pub fn fit_columns(
+    columns: Vec<Column>,
+    tau: Vec<f64>,
+    folds: (Vec<usize>, usize),
+) -> Result<EffortModel, DynamicsError> {
+    Design::of_columns(columns, tau, folds)?.parametric()
 }
 
 /// Fits the parameters of `effects` together with the mechanism.
@@ -118,7 +127,7 @@ pub fn fit_parametric(motion: &Motion, effects: &[&dyn Effect]) -> Result<Effort
 pub fn fit_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
-    let (smoothing, held_out_rms) = design.choose_smoothing(motion);
+    let (smoothing, held_out_rms) = design.choose_smoothing();
     let (solution, covariance) = design.solve(&smoothing);
     let params = design.params;
     mechanism.set(&solution.as_slice()[params..]);
@@ -168,13 +177,19 @@ pub fn align(
 fn lag_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<Option<Lag>, DynamicsError> {
     let mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
-    let (smoothing, _) = design.choose_smoothing(motion);
+    let (smoothing, _) = design.choose_smoothing();
     let (solution, _) = design.solve(&smoothing);
     let (y, h) = design.free_part(&solution, &smoothing);
     Ok(lag::scan(motion, &y, h)?)
 }
 
 impl Design {
+    fn parametric(&self) -> Result<EffortModel, DynamicsError> {
+        let fit = bounded_least_squares(&self.y, &self.tau, &self.bounds, 1e-6)?;
+        let held_out_rms = self.held_out(&[0.0, 0.0]);
+        Ok(self.model(fit.theta.as_slice(), fit.covariance, None, held_out_rms))
+    }
+
     fn model(
         &self,
         theta: &[f64],
@@ -252,3 +267,5 @@ impl Evidence {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub(crate) use tests::probing;

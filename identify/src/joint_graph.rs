@@ -9,10 +9,17 @@
 //! w[i] = rho w[i-1] + noise,  v likewise     (a wander of standard deviation s and time constant T, rho = exp(-dt/T))
 //! ```
 //!
+//! Of a revolute joint's rotations only the two components across the axis count: they say where the axis points. How far
+//! the tool turned about the axis is left out, because a grasp that gives, or a tracker that reads angles short, would pull
+//! the radius.
+//!
 //! Each Gauss-Newton step is one block-tridiagonal elimination with the geometry as a border, linear in the number of
 //! samples. The wander's size and time constant are estimated from how the residuals across the motion grow with lag, so
 //! correlated noise is neither over-trusted (a covariance that counts each sample) nor averaged as if it were white.
 //! A revolute joint has pitch 0 by construction.
+//!
+//! A track of fewer than four strokes cannot tell a wander from the shape of the path: there all noise is taken as white
+//! and the covariance is inflated by the number of samples that the correlated residual is worth.
 
 mod chain;
 mod noise;
@@ -21,11 +28,17 @@ pub use noise::Wander;
 
 use nalgebra::{DMatrix, Point3, UnitQuaternion, Vector3};
 
+use crate::least_squares::effective_count;
+use crate::motion::strokes;
+use crate::samples::extrema;
 use crate::screw::{Candidates, JointKind, PoseSamples, ScrewAxis, perpendiculars};
 use chain::{Linearized, Step};
 
 /// Number of geometry parameters: tilt 2, shift 2, grasp position 2, grasp rotation 3.
 const GEOMETRY: usize = 9;
+
+/// Strokes from which on a wander can be told from the shape of the path.
+const MIN_STROKES: usize = 4;
 
 /// A refined joint.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,10 +81,15 @@ struct State {
 pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
     let uses_rotations = chosen.orientation_agrees && track.has_rotations();
     let mut state = State::start(track, chosen, uses_rotations);
+    let repeated = state.strokes() >= MIN_STROKES;
     let mut noise = [Wander::start(1e-3, track.period), Wander::start(5e-3, track.period)];
     let mut last = None;
     for _ in 0..4 {
-        noise = state.estimate_noise(track, uses_rotations, noise);
+        noise = if repeated {
+            state.estimate_noise(track, uses_rotations, noise)
+        } else {
+            state.across(track, uses_rotations).map(|series| Wander::none(&series))
+        };
         let mut cost = f64::INFINITY;
         for _ in 0..12 {
             let linear = state.linearize(track, uses_rotations, &noise);
@@ -85,7 +103,7 @@ pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
             }
         }
     }
-    state.finish(track, uses_rotations, noise, last)
+    state.finish(track, uses_rotations, noise, last, repeated)
 }
 
 impl State {
@@ -125,6 +143,11 @@ impl State {
             state.r0 = crate::screw::robust_mean(&grasp);
         }
         state
+    }
+
+    fn strokes(&self) -> usize {
+        let (low, high) = extrema(&self.q);
+        strokes(&[0..self.q.len()], &self.q, 0.1 * (high - low)).last().map_or(0, |last| last + 1)
     }
 
     /// Position and rotation left over at sample `i`, wander included.
@@ -187,7 +210,9 @@ impl State {
             let jacobians = frame.jacobians(self, self.q[i]);
             for part in 0..if uses_rotations { 2 } else { 1 } {
                 let residual = leftover[part] - self.wander[i][part];
-                linear.measure(i, part, &jacobians[part], residual, noise[part].white);
+                let ignored = (part == 1 && self.axis.kind == JointKind::Revolute)
+                    .then(|| self.axis.direction.into_inner());
+                linear.measure(i, part, &jacobians[part], residual, noise[part].white, ignored);
             }
             for (part, noise) in noise.iter().enumerate() {
                 let before = track.follows(i).then(|| self.wander[i - 1][part]);
@@ -222,14 +247,28 @@ impl State {
         uses_rotations: bool,
         noise: [Wander; 2],
         last: Option<(Step, f64)>,
+        repeated: bool,
     ) -> RefinedJoint {
-        let [position, _] = self.across(track, uses_rotations);
+        let [mut position, _] = self.across(track, uses_rotations);
         let count = position[0].len().max(1) as f64;
+        if self.axis.kind == JointKind::Prismatic {
+            // Where a line lies matters to nothing but its residual, and a wander leaves it loose: through the middle.
+            let (first, second) = perpendiculars(&self.axis.direction);
+            for (series, direction) in position.iter_mut().zip([first, second]) {
+                let mean = series.iter().sum::<f64>() / count;
+                series.iter_mut().for_each(|value| *value -= mean);
+                self.p0 += direction * mean;
+            }
+        }
         let square: f64 = position.iter().flatten().map(|v| v * v).sum();
         let mut covariance = DMatrix::zeros(4, 4);
         if let Some((step, cost)) = last {
             // The noise model is an estimate: never claim more than the residuals bear out.
-            let inflation = (cost / step.freedom.max(1.0)).max(1.0);
+            let mut inflation = (cost / step.freedom.max(1.0)).max(1.0);
+            if !repeated {
+                let worth = position.iter().map(|series| effective_count(series)).fold(f64::INFINITY, f64::min);
+                inflation *= (track.positions.len() as f64 / worth).max(1.0);
+            }
             covariance = step.covariance.view((0, 0), (4, 4)) * inflation;
         }
         let variance = |i: usize| covariance[(i, i)].max(0.0);

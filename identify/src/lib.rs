@@ -9,15 +9,26 @@
 //! position and effort run through the same code as recordings.
 #![forbid(unsafe_code)]
 
+pub mod analysis;
 pub mod dynamics;
 pub mod effect;
+pub mod effort;
+pub mod error;
 pub mod filter;
+pub mod grasp;
 pub mod joint_graph;
 pub mod lag;
 pub mod least_squares;
 pub mod mechanism;
 pub mod motion;
 pub mod noise;
+pub mod payload;
+pub mod pipeline;
+pub mod report;
 pub mod samples;
 pub mod screw;
 pub mod spline;
+pub mod table;
+pub mod tool;
+pub mod track;
+pub mod twin;

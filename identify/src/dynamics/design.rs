@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::DynamicsError;
-use crate::effect::Effect;
+use crate::effect::{Column, Effect};
 use crate::least_squares::{Bound, FitError, bounded_quadratic, covariance_of_free, effective_count};
 use crate::mechanism::SplineMechanism;
 use crate::motion::Motion;
@@ -17,6 +17,7 @@ pub(super) struct Design {
     pub(super) units: Vec<String>,
     /// Number of parametric columns, which come first.
     pub(super) params: usize,
+    folds: (Vec<usize>, usize),
     gram: DMatrix<f64>,
     right: DVector<f64>,
     penalties: Vec<DMatrix<f64>>,
@@ -28,6 +29,7 @@ const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
 
 impl Design {
+    /// The columns of `effects` and the mechanism on a prepared motion.
     pub(super) fn new(
         motion: &Motion,
         effects: &[&dyn Effect],
@@ -37,42 +39,66 @@ impl Design {
         for effect in effects {
             columns.extend(effect.columns(motion)?);
         }
-        let params = columns.len();
-        let total = params + mechanism.map_or(0, SplineMechanism::len);
-        let samples = motion.kept.len();
+        let tau = motion.regressor(&motion.tau)?;
+        let mut design = Self::of_columns(columns, tau, motion.folds())?;
+        if let Some(mechanism) = mechanism {
+            design.add_mechanism(mechanism, &mechanism.regressor(motion)?);
+        }
+        design.check()?;
+        Ok(design)
+    }
+
+    /// Columns without a mechanism; `folds` = fold of each sample and their number.
+    pub(super) fn of_columns(
+        columns: Vec<Column>,
+        tau: Vec<f64>,
+        folds: (Vec<usize>, usize),
+    ) -> Result<Self, DynamicsError> {
+        let (params, samples) = (columns.len(), tau.len());
         let needed = 3 * params + 10;
         if samples < needed {
             return Err(FitError::TooFewSamples { samples, params, needed }.into());
         }
-        let mut y = DMatrix::zeros(samples, total);
+        let mut y = DMatrix::zeros(samples, params);
         for (j, column) in columns.iter().enumerate() {
             y.column_mut(j).copy_from_slice(&column.values);
         }
-        let mut bounds: Vec<Bound> = columns.iter().map(|column| column.bound).collect();
-        let mut penalties = Vec::new();
-        if let Some(mechanism) = mechanism {
-            y.view_mut((0, params), (samples, mechanism.len())).copy_from(&mechanism.regressor(motion)?);
-            bounds.extend(mechanism.bounds());
-            for penalty in mechanism.penalties() {
-                let mut full = DMatrix::zeros(total, total);
-                full.view_mut((params, params), penalty.shape()).copy_from(&penalty);
-                penalties.push(full);
-            }
-        }
-        let tau = DVector::from_vec(motion.regressor(&motion.tau)?);
-        if let Some(row) = (0..samples).find(|&i| !tau[i].is_finite() || y.row(i).iter().any(|v| !v.is_finite())) {
-            return Err(FitError::NotFinite { row }.into());
-        }
-        let scale = DVector::from_fn(total, |j, _| if j < params { y.column(j).norm().max(1e-12) } else { 1.0 });
+        let scale = DVector::from_fn(params, |j, _| y.column(j).norm().max(1e-12));
+        let tau = DVector::from_vec(tau);
         let (gram, right) = normal(&y, &tau);
+        let bounds = columns.iter().map(|column| column.bound).collect();
         let names = columns.iter().map(|column| column.name).collect();
         let units = columns.into_iter().map(|column| column.unit).collect();
-        let design = Self { y, tau, bounds, names, units, params, gram, right, penalties, scale };
-        let (rank, _) = design.rank_and_condition();
-        if rank < params {
-            return Err(FitError::RankDeficient { rank, params }.into());
-        }
+        let design =
+            Self { y, tau, bounds, names, units, params, folds, gram, right, penalties: Vec::new(), scale };
+        design.check()?;
         Ok(design)
+    }
+
+    fn add_mechanism(&mut self, mechanism: &SplineMechanism, regressor: &DMatrix<f64>) {
+        let (params, total) = (self.params, self.params + mechanism.len());
+        self.y = self.y.clone().resize_horizontally(total, 0.0);
+        self.y.columns_mut(params, mechanism.len()).copy_from(regressor);
+        self.bounds.extend(mechanism.bounds());
+        for penalty in mechanism.penalties() {
+            let mut full = DMatrix::zeros(total, total);
+            full.view_mut((params, params), penalty.shape()).copy_from(&penalty);
+            self.penalties.push(full);
+        }
+        self.scale = self.scale.clone().resize_vertically(total, 1.0);
+        (self.gram, self.right) = normal(&self.y, &self.tau);
+    }
+
+    fn check(&self) -> Result<(), DynamicsError> {
+        let bad = |i: &usize| !self.tau[*i].is_finite() || self.y.row(*i).iter().any(|v| !v.is_finite());
+        if let Some(row) = (0..self.tau.len()).find(bad) {
+            return Err(FitError::NotFinite { row }.into());
+        }
+        let (rank, _) = self.rank_and_condition();
+        if rank < self.params {
+            return Err(FitError::RankDeficient { rank, params: self.params }.into());
+        }
+        Ok(())
     }
 
     /// Rank and condition of the parametric columns, each scaled to length 1.
@@ -85,8 +111,8 @@ impl Design {
     }
 
     /// Smoothing with the least held-out error, and that error. One strength after the other, twice.
-    pub(super) fn choose_smoothing(&self, motion: &Motion) -> ([f64; 2], f64) {
-        let folds = self.fold_normals(motion);
+    pub(super) fn choose_smoothing(&self) -> ([f64; 2], f64) {
+        let folds = self.fold_normals();
         let mut best = ([0.01, 0.1], f64::INFINITY);
         for grid in [0, 1, 0] {
             let values: &[f64] = if grid == 0 { &LOAD_GRID } else { &DAMPING_GRID };
@@ -103,8 +129,8 @@ impl Design {
     }
 
     /// Held-out root mean square error with one smoothing.
-    pub(super) fn held_out(&self, motion: &Motion, smoothing: &[f64; 2]) -> f64 {
-        self.held_out_of(&self.fold_normals(motion), smoothing)
+    pub(super) fn held_out(&self, smoothing: &[f64; 2]) -> f64 {
+        self.held_out_of(&self.fold_normals(), smoothing)
     }
 
     /// Parameters with one smoothing, and the covariance of the parametric ones, inflated for correlated residuals.
@@ -133,9 +159,9 @@ impl Design {
         (self.y.select_columns(&free), h.select_rows(&free).select_columns(&free))
     }
 
-    fn fold_normals(&self, motion: &Motion) -> Vec<Fold> {
-        let (fold_of, count) = motion.folds();
-        (0..count)
+    fn fold_normals(&self) -> Vec<Fold> {
+        let (fold_of, count) = &self.folds;
+        (0..*count)
             .filter_map(|fold| {
                 let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
                 if rows.is_empty() || rows.len() == fold_of.len() {

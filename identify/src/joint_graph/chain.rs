@@ -1,6 +1,6 @@
 //! The normal equations of a chain of per-sample states bordered by the geometry, and their elimination.
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 use super::{GEOMETRY, Wander};
 
@@ -53,8 +53,8 @@ impl Linearized {
         Self { links, geometry: SMatrix::zeros(), right: SVector::zeros(), active, cost: 0.0, rows: 0.0 }
     }
 
-    /// Adds a measured 3-vector of sample `i`; `part` 0 = position, 1 = rotation. Outliers beyond three standard
-    /// deviations lose weight as (3 sigma / distance)^2.
+    /// Adds a measured 3-vector of sample `i`; `part` 0 = position, 1 = rotation; the component along `ignored` counts for
+    /// nothing. Outliers beyond three standard deviations lose weight as (3 sigma / distance)^2.
     pub(super) fn measure(
         &mut self,
         i: usize,
@@ -62,15 +62,22 @@ impl Linearized {
         jacobian: &[Vector3<f64>; GEOMETRY + 1],
         residual: Vector3<f64>,
         white: f64,
+        ignored: Option<Vector3<f64>>,
     ) {
-        let distance = residual.norm() / (white * 3.0_f64.sqrt());
+        let keep = Matrix3::identity() - ignored.map_or_else(Matrix3::zeros, |u| u * u.transpose());
+        let components = if ignored.is_some() { 2.0_f64 } else { 3.0 };
+        let residual = keep * residual;
+        let distance = residual.norm() / (white * components.sqrt());
         let weight = if distance < 3.0 { 1.0 } else { (3.0 / distance).powi(2) } / (white * white);
+        let jacobian = jacobian.map(|column| keep * column);
         let link = &mut self.links[i];
         let wander = 1 + 3 * part;
         link.diagonal[(0, 0)] += weight * jacobian[0].norm_squared();
         link.right[0] += weight * jacobian[0].dot(&residual);
         for k in 0..3 {
-            link.diagonal[(wander + k, wander + k)] += weight;
+            for other in 0..3 {
+                link.diagonal[(wander + k, wander + other)] += weight * keep[(k, other)];
+            }
             link.diagonal[(0, wander + k)] += weight * jacobian[0][k];
             link.diagonal[(wander + k, 0)] += weight * jacobian[0][k];
             link.right[wander + k] += weight * residual[k];
@@ -87,7 +94,7 @@ impl Linearized {
             }
         }
         self.cost += weight * residual.norm_squared();
-        self.rows += 3.0;
+        self.rows += components;
     }
 
     /// Adds the wander's own dynamics between sample `i` and the one `before` it, or its prior at the start of a run.

@@ -1,5 +1,6 @@
 //! A tracker's noise as white noise plus a wander, estimated from how differences grow with lag.
 
+use crate::samples::quantile;
 use crate::screw::PoseSamples;
 
 /// White noise plus an exponentially correlated wander, per component.
@@ -16,6 +17,14 @@ pub struct Wander {
 impl Wander {
     pub(super) fn start(size: f64, period: f64) -> Self {
         Self { white: size, wander: size, time_constant: 100.0 * period }
+    }
+
+    /// All of the residual as white noise.
+    pub(super) fn none(series: &[Vec<f64>]) -> Self {
+        let absolute: Vec<f64> = series.iter().flatten().map(|v| v.abs()).collect();
+        // 1.4826 median absolute values are a standard deviation.
+        let white = (1.4826 * quantile(&absolute, 0.5)).max(1e-6);
+        Self { white, wander: 1e-4 * white, time_constant: 1e3 }
     }
 
     /// Fits `D(lag) = 2 white^2 + 2 wander^2 (1 - exp(-lag / T))` to the mean squared differences of `series`, T from a

@@ -1,7 +1,7 @@
 //! A line and a circle through a track of positions, and the choice between them.
 //!
-//! Both are fitted by iteratively reweighted least squares (Tukey weights on the distance from the curve). The choice
-//! is by the Bayesian information criterion with the number of samples that the *correlated* residual is worth:
+//! The circle is fitted by iteratively reweighted least squares (Tukey weights on the distance from it); the line, which is
+//! a circle's limit, with the same weights. The choice is by the Bayesian information criterion with the number of samples that the *correlated* residual is worth:
 //! `BIC = m ln(rms^2) + k ln(m)`, m = independent residuals. A line has k = 4 parameters, a circle 6; where orientations
 //! are there, both have 3 more for the grasp. Samples of a tracker that wanders are far from independent, and counting
 //! each one lets an arc of 20 m radius win over the line that a drawer is.
@@ -80,8 +80,8 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
     if extent < MIN_EXTENT_M {
         return Err(SelectError::NeverMoves { extent_m: extent, needed_m: MIN_EXTENT_M });
     }
-    let line = fit_line(&track.positions);
     let circle = fit_circle(&track.positions, middle, axes);
+    let line = fit_line(&track.positions, &circle.weights);
     let position_bic = criteria(&circle, &line);
     let (circle_rms, line_rms) = (weighted_rms(&circle), weighted_rms(&line));
     let bends = extent * extent / (8.0 * circle.radius) > 3.0 * circle_rms && circle.radius < 20.0 * extent;
@@ -129,19 +129,12 @@ fn principal(positions: &[Point3<f64>], weights: &[f64]) -> (Point3<f64>, [Vecto
     (Point3::from(middle), axes, at(0.99) - at(0.01))
 }
 
-fn fit_line(positions: &[Point3<f64>]) -> Curve {
-    let mut weights = vec![1.0; positions.len()];
-    let mut residuals = [Vec::new(), Vec::new()];
-    let mut axis = None;
-    for _ in 0..8 {
-        let (middle, axes, _) = principal(positions, &weights);
-        residuals = [1, 2].map(|i| positions.iter().map(|p| (p - middle).dot(&axes[i])).collect());
-        weights = tukey(&residuals);
-        axis = Some((middle, axes[0]));
-    }
-    let (middle, direction) = axis.unwrap_or((Point3::origin(), Vector3::x()));
-    let axis = ScrewAxis { direction: Unit::new_normalize(direction), point: middle, kind: JointKind::Prismatic };
-    Curve { axis, radius: f64::INFINITY, residuals, weights }
+/// The line that fits best with weights given: an arc must not pass for a line by its ends counting as outliers.
+fn fit_line(positions: &[Point3<f64>], weights: &[f64]) -> Curve {
+    let (middle, axes, _) = principal(positions, weights);
+    let residuals = [1, 2].map(|i| positions.iter().map(|p| (p - middle).dot(&axes[i])).collect());
+    let axis = ScrewAxis { direction: Unit::new_normalize(axes[0]), point: middle, kind: JointKind::Prismatic };
+    Curve { axis, radius: f64::INFINITY, residuals, weights: weights.to_vec() }
 }
 
 fn fit_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: [Vector3<f64>; 3]) -> Curve {

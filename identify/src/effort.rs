@@ -1,0 +1,214 @@
+//! From tool poses and wrenches to the joint coordinate and the effort, by virtual work.
+//!
+//! The tool puts on the object what the environment puts on the tool, reversed. With that force `f` and moment `m` about
+//! the sensor's origin `s`, all in `world`: `tau = omega . (m + (s - o) x f)` for an axis through `o`, `tau = v . f` for a
+//! slide. What does no work (forces across the path, moments across the axis) is reported: it grows when the axis is wrong.
+
+use core::ops::Range;
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+use crate::joint_graph::RefinedJoint;
+use crate::least_squares::rms;
+use crate::motion::MotionError;
+use crate::noise::acceleration_noise;
+use crate::payload::{Payload, sensor_origin};
+use crate::samples::{JointSamples, opening_sign};
+use crate::screw::{JointKind, PoseSamples, ScrewAxis, angles};
+use crate::tool::{ToolKinematics, ToolSamples};
+
+/// Root mean squares of the part of the contact wrench that does no work.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct NonWork {
+    /// Force across the path at the TCP, N.
+    pub force_rms_n: f64,
+    /// Moment across the axis (revolute) or all of it (prismatic) at the TCP, N m.
+    pub moment_rms_nm: f64,
+    /// Contact force as a whole, N.
+    pub contact_rms_n: f64,
+}
+
+/// The held part of a recording as joint samples.
+#[derive(Clone, Debug)]
+pub struct JointEffort {
+    /// Coordinate and effort.
+    pub samples: JointSamples,
+    /// The axis with its final sense; `point` is the foot of the perpendicular from the first retained position.
+    pub axis: ScrewAxis,
+    /// Retained positions of the TCP, m.
+    pub path: Vec<Point3<f64>>,
+    /// What does no work.
+    pub nonwork: NonWork,
+    /// Noise of the coordinate from positions and from orientations, as acceleration below the fit's cut-off, rad/s^2 or
+    /// m/s^2; the second is there when orientations were used.
+    pub acceleration_noise: [Option<f64>; 2],
+}
+
+/// Positions and rotations of the held part, block means at about `rate_hz`, for kinematics.
+#[must_use]
+pub fn kinematic_track(tool: &ToolSamples, held: &[Range<usize>], rate_hz: f64) -> PoseSamples {
+    let block = ((1.0 / tool.period / rate_hz).round() as usize).max(1);
+    let mut track = PoseSamples { period: block as f64 * tool.period, ..PoseSamples::default() };
+    for run in held.iter().filter(|run| run.len() >= block) {
+        track.starts.push(track.positions.len());
+        let mut start = run.start;
+        while start + block <= run.end {
+            let part = start..start + block;
+            let mean = part.clone().map(|i| tool.position[i].coords).sum::<Vector3<f64>>() / block as f64;
+            let middle = tool.rotation[start + block / 2];
+            let turn =
+                part.map(|i| (tool.rotation[i] * middle.inverse()).scaled_axis()).sum::<Vector3<f64>>() / block as f64;
+            track.positions.push(Point3::from(mean));
+            track.rotations.push(UnitQuaternion::from_scaled_axis(turn) * middle);
+            start += block;
+        }
+    }
+    track
+}
+
+/// Projects every held sample onto the joint and takes the effort; `cutoff_hz` is the fit's, for weighing positions against
+/// orientations by what their noise does to the acceleration.
+///
+/// # Errors
+/// When the poses cannot be filtered.
+pub fn joint_effort(
+    tool: &ToolSamples,
+    kinematics: &ToolKinematics,
+    held: &[Range<usize>],
+    joint: &RefinedJoint,
+    payload: Option<&Payload>,
+    cutoff_hz: f64,
+) -> Result<JointEffort, MotionError> {
+    let index: Vec<usize> = held.iter().flat_map(Clone::clone).collect();
+    let path: Vec<Point3<f64>> = index.iter().map(|&i| tool.position[i]).collect();
+    let mut runs = Vec::new();
+    let mut next = 0;
+    for run in held {
+        runs.push(next..next + run.len());
+        next += run.len();
+    }
+    let coordinate = Coordinate::of(tool, &index, &path, &runs, joint, cutoff_hz)?;
+    let sense = opening_sign(&coordinate.q);
+    let mut axis = if sense < 0.0 { joint.axis.reversed() } else { joint.axis };
+    if let Some(first) = path.first() {
+        let along = axis.direction.into_inner() * axis.direction.dot(&(first - axis.point));
+        axis.point = if axis.kind == JointKind::Prismatic { *first } else { axis.point + along };
+    }
+    let origin = coordinate.q.first().copied().unwrap_or(0.0);
+    let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
+    let mut tau = vec![f64::NAN; q.len()];
+    let mut nonwork = NonWork { force_rms_n: f64::NAN, moment_rms_nm: f64::NAN, contact_rms_n: f64::NAN };
+    if let Some(payload) = payload {
+        (tau, nonwork) = work(tool, kinematics, &index, payload, &axis);
+    }
+    let samples = JointSamples {
+        kind: axis.kind,
+        period: tool.period,
+        runs,
+        time: index.iter().map(|&i| tool.time[i]).collect(),
+        q,
+        tau,
+        noise_of_q: coordinate.noise,
+    };
+    Ok(JointEffort { samples, axis, path, nonwork, acceleration_noise: coordinate.acceleration })
+}
+
+/// Effort of each sample, and what does no work.
+fn work(
+    tool: &ToolSamples,
+    kinematics: &ToolKinematics,
+    index: &[usize],
+    payload: &Payload,
+    axis: &ScrewAxis,
+) -> (Vec<f64>, NonWork) {
+    let mut tau = Vec::with_capacity(index.len());
+    let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
+    for &i in index {
+        let [force, torque] = payload.contact(tool, kinematics, i).map(|v| -(kinematics.rotation[i] * v));
+        let tcp = tool.position[i];
+        let at_tcp = torque + (sensor_origin(tool, i) - tcp).cross(&force);
+        let along = axis.velocity_at(&tcp);
+        let direction = axis.direction.into_inner();
+        let turning = if axis.kind == JointKind::Revolute { direction.dot(&at_tcp) } else { 0.0 };
+        tau.push(turning + along.dot(&force));
+        let unit = along.normalize();
+        across.push((force - unit * unit.dot(&force)).norm());
+        moments.push((at_tcp - direction * turning).norm());
+        contact.push(force.norm());
+    }
+    let nonwork =
+        NonWork { force_rms_n: rms(&across), moment_rms_nm: rms(&moments), contact_rms_n: rms(&contact) };
+    (tau, nonwork)
+}
+
+struct Coordinate {
+    q: Vec<f64>,
+    noise: Vec<Vec<f64>>,
+    acceleration: [Option<f64>; 2],
+}
+
+impl Coordinate {
+    fn of(
+        tool: &ToolSamples,
+        index: &[usize],
+        path: &[Point3<f64>],
+        runs: &[Range<usize>],
+        joint: &RefinedJoint,
+        cutoff_hz: f64,
+    ) -> Result<Self, MotionError> {
+        let axis = &joint.axis;
+        let direction = axis.direction.into_inner();
+        if axis.kind == JointKind::Prismatic {
+            let (first, second) = crate::screw::perpendiculars(&axis.direction);
+            let across = |e: Vector3<f64>| path.iter().map(|p| e.dot(&(p - joint.tool_position))).collect::<Vec<f64>>();
+            let noise = vec![across(first), across(second)];
+            let acceleration = mean_noise(&noise, runs, tool.period, cutoff_hz)?;
+            let q = path.iter().map(|p| direction.dot(&(p - joint.tool_position))).collect();
+            return Ok(Self { q, noise, acceleration: [Some(acceleration), None] });
+        }
+        let radius = axis.distance(&joint.tool_position).max(1e-3);
+        let height = direction.dot(&(joint.tool_position - axis.point));
+        let by_position = angles(path, axis);
+        let position_noise: Vec<Vec<f64>> = vec![
+            path.iter().map(|p| (direction.dot(&(p - axis.point)) - height) / radius).collect(),
+            path.iter().map(|p| (axis.distance(p) - radius) / radius).collect(),
+        ];
+        let from_position = mean_noise(&position_noise, runs, tool.period, cutoff_hz)?;
+        if !joint.uses_rotations {
+            return Ok(Self { q: by_position, noise: position_noise, acceleration: [Some(from_position), None] });
+        }
+        let (first, second) = crate::screw::perpendiculars(&axis.direction);
+        // Angle of the first position from the joint's origin, so that both angles count from one place.
+        let start = path.first().map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
+        let mut by_rotation = Vec::with_capacity(path.len());
+        let mut tilts = vec![Vec::with_capacity(path.len()), Vec::with_capacity(path.len())];
+        for (&i, q) in index.iter().zip(&by_position) {
+            let expected = axis.motion(start + q).rotation * joint.tool_rotation;
+            let rest = (tool.rotation[i] * expected.inverse()).scaled_axis();
+            by_rotation.push(q + rest.dot(&direction));
+            tilts[0].push(rest.dot(&first));
+            tilts[1].push(rest.dot(&second));
+        }
+        let from_rotation = mean_noise(&tilts, runs, tool.period, cutoff_hz)?;
+        let share = 1.0 / (1.0 + (from_position / from_rotation.max(1e-12)).powi(2));
+        let mix = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| share * a + (1.0 - share) * b).collect();
+        Ok(Self {
+            q: mix(&by_position, &by_rotation),
+            noise: vec![mix(&position_noise[0], &tilts[0]), mix(&position_noise[1], &tilts[1])],
+            acceleration: [Some(from_position), Some(from_rotation)],
+        })
+    }
+}
+
+/// Acceleration noise over all series and runs, root mean square.
+fn mean_noise(series: &[Vec<f64>], runs: &[Range<usize>], period: f64, cutoff_hz: f64) -> Result<f64, MotionError> {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for values in series {
+        for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
+            let [acceleration, _] = acceleration_noise(&values[run.clone()], period, cutoff_hz)?;
+            sum += acceleration * acceleration * run.len() as f64;
+            weight += run.len() as f64;
+        }
+    }
+    Ok((sum / f64::max(weight, 1.0)).sqrt())
+}

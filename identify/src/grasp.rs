@@ -1,0 +1,97 @@
+//! When the tool held the object, and when it moved in free air.
+
+use core::ops::Range;
+
+use ft_recording::{Recording, Stamped};
+
+use crate::payload::Payload;
+use crate::tool::{ToolKinematics, ToolSamples};
+
+/// How the grasp was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GraspSource {
+    /// The operator's marks.
+    Marks,
+    /// The wrench without the tool's own.
+    Wrench,
+    /// Nothing says: the whole recording.
+    WholeRecording,
+}
+
+/// The parts of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grasp {
+    /// How it was found.
+    pub source: GraspSource,
+    /// While the object was held.
+    pub held: Vec<Range<usize>>,
+    /// In free air before.
+    pub free_before: Vec<Range<usize>>,
+    /// In free air after.
+    pub free_after: Vec<Range<usize>>,
+}
+
+/// Time left out on either side of a grasp and a release, s: fingers closing, the object settling.
+const MARGIN_S: f64 = 0.3;
+
+impl Grasp {
+    /// From the marks `free_air_begin`, `grasp`, `release` of a recording, the longest hold when there are several; `None`
+    /// without a `grasp`.
+    #[must_use]
+    pub fn from_marks(tool: &ToolSamples, recording: &Recording) -> Option<Self> {
+        let end = tool.time.last().copied()?;
+        let named = |name: &'static str| times_of(tool, &recording.marks, name);
+        let releases = named("release");
+        let release_after = |t: f64| releases.iter().copied().find(|r| *r > t).unwrap_or(f64::INFINITY);
+        let (grasp, release) = named("grasp")
+            .into_iter()
+            .map(|t| (t, release_after(t)))
+            .max_by(|a, b| (a.1.min(end) - a.0).total_cmp(&(b.1.min(end) - b.0)))?;
+        let begin = named("free_air_begin").into_iter().rfind(|t| *t < grasp).unwrap_or(f64::NEG_INFINITY);
+        Some(Self {
+            source: GraspSource::Marks,
+            held: tool.runs_within(grasp + MARGIN_S, release - MARGIN_S),
+            free_before: tool.runs_within(begin, grasp - MARGIN_S),
+            free_after: tool.runs_within(release + MARGIN_S, f64::INFINITY),
+        })
+    }
+
+    /// From the contact force with a calibrated tool: from the first to the last time it passes 2 N.
+    #[must_use]
+    pub fn from_wrench(tool: &ToolSamples, kinematics: &ToolKinematics, payload: &Payload) -> Option<Self> {
+        let window = ((0.1 / tool.period) as usize).max(1);
+        let mut touching = Vec::new();
+        for run in &tool.runs {
+            for start in run.clone().step_by(window) {
+                let part = start..(start + window).min(run.end);
+                let mean = part.clone().map(|i| payload.contact(tool, kinematics, i)[0].norm()).sum::<f64>();
+                if mean / part.len() as f64 > 2.0 {
+                    touching.push(tool.time[start]);
+                }
+            }
+        }
+        let (first, last) = (*touching.first()?, *touching.last()?);
+        Some(Self {
+            source: GraspSource::Wrench,
+            held: tool.runs_within(first + MARGIN_S, last - MARGIN_S),
+            free_before: tool.runs_within(f64::NEG_INFINITY, first - MARGIN_S),
+            free_after: tool.runs_within(last + MARGIN_S, f64::INFINITY),
+        })
+    }
+
+    /// The whole recording as one grasp.
+    #[must_use]
+    pub fn whole(tool: &ToolSamples) -> Self {
+        Self {
+            source: GraspSource::WholeRecording,
+            held: tool.runs.clone(),
+            free_before: Vec::new(),
+            free_after: Vec::new(),
+        }
+    }
+}
+
+fn times_of(tool: &ToolSamples, marks: &[Stamped<String>], name: &str) -> Vec<f64> {
+    marks.iter().filter(|mark| mark.value.trim().eq_ignore_ascii_case(name)).map(|mark| tool.seconds(mark.at)).collect()
+}

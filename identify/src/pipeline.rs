@@ -1,0 +1,248 @@
+//! A recording in, joint, dynamics, report and twin out.
+
+use ft_recording::{Recording, TopicMap};
+use nalgebra::Point3;
+use std::path::{Path, PathBuf};
+
+use crate::analysis::{Analysis, analyse};
+use crate::effort::{JointEffort, joint_effort, kinematic_track};
+use crate::error::IdentifyError;
+use crate::grasp::{Grasp, GraspSource};
+use crate::joint_graph::{RefinedJoint, refine};
+use crate::motion::MotionSettings;
+use crate::payload::{Payload, PayloadError, PayloadSource};
+use crate::report::{Input, Joint, Report};
+use crate::samples::JointSamples;
+use crate::screw::{Candidates, ScrewAxis, select};
+use crate::tool::{ToolKinematics, ToolSamples};
+use crate::twin::{Provenance, Source, Twin};
+
+/// What has just been finished, for progress.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// The recording was read.
+    Read,
+    /// Streams are on one grid.
+    Aligned,
+    /// The tool's weight is known.
+    Payload,
+    /// The joint is known.
+    Joint,
+    /// The dynamics are known.
+    Dynamics,
+}
+
+/// An identified recording or table.
+#[derive(Clone, Debug)]
+pub struct Identified {
+    /// `report.json`.
+    pub report: Report,
+    /// `twin.json`; nothing when the dynamics are unknown.
+    pub twin: Option<Twin>,
+    /// The fits.
+    pub analysis: Option<Analysis>,
+    /// The joint's axis; nothing for a table.
+    pub axis: Option<ScrewAxis>,
+    /// Positions of the tool in `world` at about 50 Hz.
+    pub path: Vec<Point3<f64>>,
+}
+
+const MIN_HELD_S: f64 = 5.0;
+const MIN_CONTACT_N: f64 = 0.3;
+const KINEMATIC_RATE_HZ: f64 = 50.0;
+
+/// Identifies one recording.
+///
+/// # Errors
+/// [`IdentifyError`]. A tool whose weight is unknown is no error: the joint is reported, the dynamics are `null`, and the
+/// report says why and what to do.
+pub fn identify_recording(
+    path: &Path,
+    map: &TopicMap,
+    settings: &MotionSettings,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<Identified, IdentifyError> {
+    let recording = Recording::load(path, map)?;
+    progress(Stage::Read);
+    identify_loaded(&recording, settings, progress)
+}
+
+/// Identifies a recording that was read before.
+///
+/// # Errors
+/// As [`identify_recording`].
+pub fn identify_loaded(
+    recording: &Recording,
+    settings: &MotionSettings,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<Identified, IdentifyError> {
+    let tool = ToolSamples::from_recording(recording)?;
+    let kinematics = ToolKinematics::of(&tool)?;
+    progress(Stage::Aligned);
+    let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
+    let held_s = grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period;
+    if held_s < MIN_HELD_S {
+        return Err(IdentifyError::HeldTooShort { held_s, needed_s: MIN_HELD_S });
+    }
+    progress(Stage::Payload);
+    let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
+    let candidates = select(&track)?;
+    let joint = refine(&track, &candidates);
+    let effort =
+        joint_effort(&tool, &kinematics, &grasp.held, &joint, payload.as_ref().ok(), settings.cutoff_hz)?;
+    if effort.nonwork.contact_rms_n < MIN_CONTACT_N {
+        return Err(IdentifyError::NoContact { force_n: effort.nonwork.contact_rms_n, needed_n: MIN_CONTACT_N });
+    }
+    progress(Stage::Joint);
+    let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
+    let analysis = match &payload {
+        Ok(_) => Some(analyse(&effort.samples, settings)?),
+        Err(error) => {
+            for name in ["inertia", "coulomb", "viscous"] {
+                report.not_identified.insert(name.to_owned(), error.to_string());
+            }
+            None
+        }
+    };
+    if let Ok(payload) = payload {
+        note_payload(&mut report, &payload);
+        report.nonwork = Some(effort.nonwork);
+        report.payload = Some(payload);
+    }
+    if let Some(analysis) = &analysis {
+        report = report.with_dynamics(analysis);
+    }
+    progress(Stage::Dynamics);
+    let twin = analysis.as_ref().map(|analysis| {
+        let provenance = Provenance {
+            recordings: vec![Source { file: file_name(&recording.path), sha256: recording.sha256.clone() }],
+            version: version(),
+            calibration: report.payload.as_ref().map(|payload| payload.source.name().to_owned()),
+            held_out_rms: Some([analysis.base.held_out_rms, analysis.full.held_out_rms]),
+        };
+        Twin::new(effort.axis.kind, Some(&effort.axis), report.joint.q_range, &analysis.full, provenance)
+    });
+    let step = ((0.02 / tool.period) as usize).max(1);
+    let path = effort.path.iter().step_by(step).copied().collect();
+    Ok(Identified { report, twin, analysis, axis: Some(effort.axis), path })
+}
+
+/// Identifies a table of one joint; `sha256` of its file goes into the twin.
+#[must_use]
+pub fn identified_table(file: &Path, sha256: String, samples: &JointSamples, analysis: Analysis) -> Identified {
+    let input = Input {
+        files: vec![file_name(file)],
+        duration_s: samples.time.last().copied().unwrap_or(0.0) - samples.time.first().copied().unwrap_or(0.0),
+        gaps: samples.runs.len().saturating_sub(1),
+        ..Input::default()
+    };
+    let report = Report::new(input, Joint::of_table(samples.kind, analysis.q_range)).with_dynamics(&analysis);
+    let provenance = Provenance {
+        recordings: vec![Source { file: file_name(file), sha256 }],
+        version: version(),
+        calibration: None,
+        held_out_rms: Some([analysis.base.held_out_rms, analysis.full.held_out_rms]),
+    };
+    let twin = Twin::new(samples.kind, None, analysis.q_range, &analysis.full, provenance);
+    Identified { report, twin: Some(twin), analysis: Some(analysis), axis: None, path: Vec::new() }
+}
+
+type PayloadOutcome = Result<Payload, PayloadError>;
+
+/// The parts of the recording, and the tool's weight from its free-air part.
+fn grasp_and_payload(
+    recording: &Recording,
+    tool: &ToolSamples,
+    kinematics: &ToolKinematics,
+) -> Result<(Grasp, PayloadOutcome), IdentifyError> {
+    let calibration = recording.calibration.as_ref();
+    let estimate = |grasp: &Grasp| {
+        match Payload::estimate(tool, kinematics, &grasp.free_before, &grasp.free_after, calibration) {
+            Err(PayloadError::Filter(error)) => Err(IdentifyError::from(error)),
+            outcome => Ok(outcome),
+        }
+    };
+    if let Some(grasp) = Grasp::from_marks(tool, recording) {
+        let payload = estimate(&grasp)?;
+        return Ok((grasp, payload));
+    }
+    let whole = Grasp::whole(tool);
+    let calibrated = estimate(&whole)?;
+    let Ok(calibrated) = calibrated else { return Ok((whole, calibrated)) };
+    let Some(grasp) = Grasp::from_wrench(tool, kinematics, &calibrated) else { return Ok((whole, Ok(calibrated))) };
+    let payload = estimate(&grasp)?;
+    Ok((grasp, payload))
+}
+
+fn describe(
+    recording: &Recording,
+    tool: &ToolSamples,
+    grasp: &Grasp,
+    candidates: &Candidates,
+    joint: &RefinedJoint,
+    effort: &JointEffort,
+) -> Report {
+    let (low, high) = effort.samples.q_range();
+    let input = Input {
+        files: vec![file_name(&recording.path)],
+        duration_s: tool.time.last().copied().unwrap_or(0.0) - tool.time.first().copied().unwrap_or(0.0),
+        grasp: Some(
+            match grasp.source {
+                GraspSource::Marks => "marks",
+                GraspSource::Wrench => "wrench",
+                GraspSource::WholeRecording => "whole_recording",
+            }
+            .to_owned(),
+        ),
+        gaps: tool.gaps,
+        ..Input::default()
+    };
+    let mut report = Report::new(input, Joint::of_poses(&effort.axis, joint, candidates, [low, high]));
+    if grasp.source == GraspSource::WholeRecording {
+        report.notes.push(
+            "no `grasp` mark and no contact found by the wrench: the whole recording was taken as held".to_owned(),
+        );
+    }
+    if tool.gaps > 0 {
+        report.notes.push(format!("{} gaps in the streams; nothing was interpolated across them", tool.gaps));
+    }
+    if !joint.uses_rotations {
+        report.notes.push("the tool's rotation does not follow the joint (it turned in the hand or the grasp); positions alone were used".to_owned());
+    }
+    if let Some(damage) = &recording.health.truncated {
+        report.notes.push(format!("the file is damaged: {damage}; what came before was used"));
+    }
+    report
+}
+
+fn note_payload(report: &mut Report, payload: &Payload) {
+    if payload.source == PayloadSource::Calibration && payload.bias_std.iter().any(|std| *std > 5.0) {
+        report.notes.push(
+            "no free air and no calibrated bias: a constant of the sensor is in the load g(q), and cannot be told from it"
+                .to_owned(),
+        );
+    }
+    if payload.bias_rate.iter().any(|rate| *rate != 0.0) {
+        report.notes.push("the sensor's bias drifted between the free-air parts; a straight line was taken off".to_owned());
+    }
+}
+
+impl PayloadSource {
+    /// The name used in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FreeAir => "free_air",
+            Self::Calibration => "calibration",
+            Self::Both => "both",
+        }
+    }
+}
+
+fn version() -> String {
+    concat!("ft-identify ", env!("CARGO_PKG_VERSION")).to_owned()
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| PathBuf::from(path), PathBuf::from).display().to_string()
+}

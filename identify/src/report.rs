@@ -1,0 +1,380 @@
+//! `report.json` (schema `ft-identify/report/1`) and the short summary for a terminal.
+//!
+//! Numbers are SI; what is not identified is `null`, also a NaN.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::analysis::{Analysis, Verdict};
+use crate::dynamics::{EffortModel, Structure, Term};
+use crate::effort::NonWork;
+use crate::joint_graph::RefinedJoint;
+use crate::lag::Lag;
+use crate::mechanism::{Domain, Mechanism};
+use crate::payload::Payload;
+use crate::screw::{Candidates, JointKind, ScrewAxis};
+
+/// Name of the schema.
+pub const SCHEMA: &str = "ft-identify/report/1";
+
+/// The report as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    schema: &'static str,
+    /// What went in.
+    pub input: Input,
+    /// The joint.
+    pub joint: Joint,
+    /// The paper's model: I, mu, b.
+    pub base: Base,
+    effects: Vec<serde_json::Value>,
+    refused: Vec<serde_json::Value>,
+    /// The full model.
+    #[serde(rename = "final")]
+    pub last: Final,
+    /// The mechanism residual.
+    pub mechanism: Option<MechanismSummary>,
+    /// What the data do not show, why, and what to do.
+    pub not_identified: BTreeMap<String, String>,
+    /// Things to know about the recording.
+    pub notes: Vec<String>,
+    /// The tool in front of the sensor.
+    pub payload: Option<Payload>,
+    /// Lag of the effort behind the motion.
+    pub lag: Option<Lag>,
+    /// The part of the contact wrench that does no work.
+    pub nonwork: Option<NonWork>,
+}
+
+/// What went in.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Input {
+    /// Files, names only.
+    pub files: Vec<String>,
+    /// Confirming files.
+    pub confirm: Vec<String>,
+    /// Length of the input, s.
+    pub duration_s: f64,
+    /// Samples that the fits used (at about four times the filter's cut-off).
+    pub samples_used: usize,
+    /// Samples taken out, by gate.
+    pub samples_gated: BTreeMap<String, usize>,
+    /// How the grasp was found.
+    pub grasp: Option<String>,
+    /// Gaps in the streams.
+    pub gaps: usize,
+}
+
+/// The joint.
+#[derive(Clone, Debug, Serialize)]
+pub struct Joint {
+    /// Revolute or prismatic.
+    pub kind: JointKind,
+    /// Unit direction in `world`; nothing for a table.
+    pub axis_direction: Option<[f64; 3]>,
+    /// A point on the axis in `world`, m.
+    pub axis_point: Option<[f64; 3]>,
+    /// Standard deviations.
+    pub std: JointStd,
+    /// Smallest and largest coordinate, rad or m.
+    pub q_range: [f64; 2],
+    /// Distance of the positions from the path, m.
+    pub position_rms_m: Option<f64>,
+    /// The criterion of either kind; lower is better.
+    pub bic: JointBic,
+    /// Distance of the tool from the axis, m; nothing for a slide.
+    pub radius_m: Option<f64>,
+    /// Whether orientations informed the joint.
+    pub uses_orientation: Option<bool>,
+}
+
+/// Standard deviations of the axis.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct JointStd {
+    /// Direction, degrees.
+    pub direction_deg: Option<f64>,
+    /// Position across the axis, m; nothing for a slide.
+    pub position_m: Option<f64>,
+}
+
+/// The criterion of either kind.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct JointBic {
+    /// Of a revolute joint.
+    pub revolute: Option<f64>,
+    /// Of a prismatic joint.
+    pub prismatic: Option<f64>,
+}
+
+/// The paper's model.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Base {
+    /// Inertia, Coulomb and viscous friction.
+    pub terms: Vec<Term>,
+    /// Root mean square residual.
+    pub rms: Option<f64>,
+    /// Residual over effort.
+    pub relative_error: Option<f64>,
+    /// Error on strokes left out of the fit.
+    pub held_out_rms: Option<f64>,
+}
+
+/// The full model.
+#[derive(Clone, Debug, Serialize)]
+pub struct Final {
+    /// Parameters.
+    pub terms: Vec<Term>,
+    /// Root mean square residual.
+    pub rms: Option<f64>,
+    /// Residual over effort.
+    pub relative_error: Option<f64>,
+    /// Error on strokes left out of the fit; smoothing was chosen by it.
+    pub held_out_rms: Option<f64>,
+    /// Errors on the confirming files.
+    pub confirm_relative_error: Vec<f64>,
+    /// What a complete model would leave.
+    pub noise_floor_rms: Option<f64>,
+    /// Share of the effort that is neither modelled nor noise.
+    pub unexplained_fraction: Option<f64>,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Condition of the parametric regressor.
+    pub condition: Option<f64>,
+    /// Its rank.
+    pub rank: Option<usize>,
+    /// Against what the residual stands.
+    pub structure: Vec<Structure>,
+}
+
+/// The mechanism residual in numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct MechanismSummary {
+    kind: &'static str,
+    /// Error of the model with it on strokes left out.
+    pub held_out_rms: f64,
+    /// Where it was probed.
+    pub domain: Domain,
+    /// Smallest and largest load over the domain, N m or N.
+    pub load_range: [f64; 2],
+}
+
+impl Joint {
+    /// The joint of a recording or a track, with the sense of `axis`.
+    #[must_use]
+    pub fn of_poses(axis: &ScrewAxis, joint: &RefinedJoint, candidates: &Candidates, q_range: [f64; 2]) -> Self {
+        let revolute = axis.kind == JointKind::Revolute;
+        Self {
+            kind: axis.kind,
+            axis_direction: Some(axis.direction.into_inner().into()),
+            axis_point: Some(axis.point.coords.into()),
+            std: JointStd {
+                direction_deg: Some(joint.direction_std.to_degrees()),
+                position_m: revolute.then_some(joint.position_std),
+            },
+            q_range,
+            position_rms_m: Some(joint.position_rms),
+            bic: JointBic { revolute: Some(candidates.bic_revolute), prismatic: Some(candidates.bic_prismatic) },
+            radius_m: revolute.then(|| axis.distance(&joint.tool_position)),
+            uses_orientation: Some(joint.uses_rotations),
+        }
+    }
+
+    /// The joint of a table, whose axis nobody knows.
+    #[must_use]
+    pub fn of_table(kind: JointKind, q_range: [f64; 2]) -> Self {
+        Self {
+            kind,
+            axis_direction: None,
+            axis_point: None,
+            std: JointStd::default(),
+            q_range,
+            position_rms_m: None,
+            bic: JointBic::default(),
+            radius_m: None,
+            uses_orientation: None,
+        }
+    }
+}
+
+impl Report {
+    /// A report on a joint whose dynamics are not known yet.
+    #[must_use]
+    pub fn new(input: Input, joint: Joint) -> Self {
+        Self {
+            schema: SCHEMA,
+            base: Base { terms: unknown_terms(joint.kind), ..Base::default() },
+            last: Final {
+                terms: unknown_terms(joint.kind),
+                rms: None,
+                relative_error: None,
+                held_out_rms: None,
+                confirm_relative_error: Vec::new(),
+                noise_floor_rms: None,
+                unexplained_fraction: None,
+                verdict: Verdict::NotIdentifiable,
+                condition: None,
+                rank: None,
+                structure: Vec::new(),
+            },
+            input,
+            joint,
+            effects: Vec::new(),
+            refused: Vec::new(),
+            mechanism: None,
+            not_identified: BTreeMap::new(),
+            notes: Vec::new(),
+            payload: None,
+            lag: None,
+            nonwork: None,
+        }
+    }
+
+    /// Adds the dynamics.
+    #[must_use]
+    pub fn with_dynamics(mut self, analysis: &Analysis) -> Self {
+        self.input.samples_used = analysis.used;
+        self.input.samples_gated = analysis.gated.iter().map(|(gate, count)| ((*gate).to_owned(), *count)).collect();
+        let base = &analysis.base;
+        self.base = Base {
+            terms: base.terms.clone(),
+            rms: Some(base.rms),
+            relative_error: Some(base.relative_error),
+            held_out_rms: Some(base.held_out_rms),
+        };
+        let full = &analysis.full;
+        self.last = Final {
+            terms: full.terms.clone(),
+            rms: Some(full.rms),
+            relative_error: Some(full.relative_error),
+            held_out_rms: Some(full.held_out_rms),
+            confirm_relative_error: Vec::new(),
+            noise_floor_rms: Some(analysis.floor.rms),
+            unexplained_fraction: Some(analysis.unexplained_fraction),
+            verdict: analysis.verdict,
+            condition: Some(full.condition),
+            rank: Some(full.rank),
+            structure: analysis.structure.clone(),
+        };
+        self.mechanism = summary_of(full);
+        self.not_identified.extend(full.not_identified.clone());
+        self.lag = analysis.lag;
+        self
+    }
+
+    /// The report as JSON, indented.
+    ///
+    /// # Errors
+    /// Never for values of this type; the serializer's own error type is kept.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+
+    /// A term of the full model.
+    #[must_use]
+    pub fn term(&self, name: &str) -> Option<&Term> {
+        self.last.terms.iter().find(|term| term.name == name)
+    }
+
+    /// A few lines for a terminal.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let mut out = String::new();
+        let joint = &self.joint;
+        let _ = writeln!(out, "joint      {}", self.joint_line());
+        if let (Some(direction), Some(point)) = (joint.axis_direction, joint.axis_point) {
+            let [dx, dy, dz] = direction;
+            let [px, py, pz] = point;
+            let _ = writeln!(out, "axis       direction [{dx:.4} {dy:.4} {dz:.4}] +- {:.2} deg", joint.std.direction_deg.unwrap_or(f64::NAN));
+            let std = joint.std.position_m.map_or_else(String::new, |std| format!(" +- {:.1} mm", std * 1e3));
+            let _ = writeln!(out, "           point [{px:.4} {py:.4} {pz:.4}] m{std}");
+        }
+        for term in &self.last.terms {
+            let value = match (term.value, term.std) {
+                (Some(value), Some(std)) => format!("{} {}", with_std(value, std), term.unit),
+                _ => format!("not identified: {}", self.not_identified.get(&term.name).map_or("", String::as_str)),
+            };
+            let _ = writeln!(out, "{:<10} {value}", term.name);
+        }
+        let unit = joint.kind.effort_unit();
+        if let Some(mechanism) = &self.mechanism {
+            let [low, high] = mechanism.load_range;
+            let _ = writeln!(out, "mechanism  load from {low:.2} to {high:.2} {unit} over the range");
+        }
+        if let (Some(base), Some(last), Some(floor)) =
+            (self.base.held_out_rms, self.last.held_out_rms, self.last.noise_floor_rms)
+        {
+            let _ = writeln!(
+                out,
+                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); I, mu, b alone {base:.3}; noise floor {floor:.3}",
+                100.0 * self.last.relative_error.unwrap_or(f64::NAN)
+            );
+        }
+        let _ = writeln!(out, "verdict    {}", self.verdict_line());
+        if let Some(lag) = self.lag.filter(|lag| lag.applied) {
+            let _ = writeln!(out, "lag        the wrench is {:.1} ms late; taken out", lag.value_s * 1e3);
+        }
+        for (what, why) in self.not_identified.iter().filter(|(what, _)| self.term(what).is_none()) {
+            let _ = writeln!(out, "unknown    {what}: {why}");
+        }
+        for note in &self.notes {
+            let _ = writeln!(out, "note       {note}");
+        }
+        out
+    }
+
+    fn joint_line(&self) -> String {
+        let [low, high] = self.joint.q_range;
+        match self.joint.kind {
+            JointKind::Revolute => {
+                let radius = self.joint.radius_m.map_or_else(String::new, |r| format!(", held {r:.3} m from the axis"));
+                format!("revolute, probed from {:.1} to {:.1} deg{radius}", low.to_degrees(), high.to_degrees())
+            }
+            JointKind::Prismatic => format!("prismatic, probed from {low:.3} to {high:.3} m"),
+        }
+    }
+
+    /// The verdict in words.
+    #[must_use]
+    pub fn verdict_line(&self) -> String {
+        match self.last.verdict {
+            Verdict::Explained => "explained: what is left is at the noise floor".to_owned(),
+            Verdict::NotIdentifiable => "not identifiable: the data cannot tell".to_owned(),
+            Verdict::Unexplained => {
+                let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
+                let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
+                    Some(s) => format!("it stands most against {} ({:.0} % of it)", s.variable, 100.0 * s.share),
+                    None => "it stands against none of q, dq, ddq, sign, time".to_owned(),
+                };
+                format!("unexplained: {share:.1} % of the effort is neither modelled nor noise; {against}")
+            }
+        }
+    }
+}
+
+/// `value +- std` with as many digits as the standard deviation deserves.
+#[must_use]
+pub fn with_std(value: f64, std: f64) -> String {
+    let digits = if std > 0.0 { (1.0 - std.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
+    format!("{value:.digits$} +- {std:.digits$}")
+}
+
+fn unknown_terms(kind: JointKind) -> Vec<Term> {
+    [("inertia", kind.inertia_unit()), ("coulomb", kind.effort_unit()), ("viscous", kind.viscous_unit())]
+        .map(|(name, unit)| Term { name: name.to_owned(), value: None, std: None, unit: unit.to_owned() })
+        .to_vec()
+}
+
+fn summary_of(model: &EffortModel) -> Option<MechanismSummary> {
+    let mechanism = model.mechanism.as_ref()?;
+    let [low, high] = mechanism.domain.q;
+    let loads: Vec<f64> = (0..=100).map(|i| mechanism.load(low + (high - low) * f64::from(i) / 100.0)).collect();
+    let (least, most) = crate::samples::extrema(&loads);
+    Some(MechanismSummary {
+        kind: mechanism.kind(),
+        held_out_rms: model.held_out_rms,
+        domain: mechanism.domain.clone(),
+        load_range: [least, most],
+    })
+}

@@ -1,0 +1,199 @@
+//! Measured position and effort of one joint from a CSV file.
+//!
+//! The columns are named by the caller; the rest is ignored. Time must increase; it may be irregular, and the series are
+//! then put on a uniform grid of the median step (linear interpolation). A step over three times the median is a gap.
+
+mod published;
+
+pub use published::{Recipe, identify_published};
+
+use std::path::{Path, PathBuf};
+
+use crate::samples::{JointSamples, quantile};
+use crate::screw::JointKind;
+
+/// Which columns of a table are what.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TableColumns {
+    /// Time, s.
+    pub time: String,
+    /// Joint coordinate, rad or m.
+    pub position: String,
+    /// Effort applied to the joint, N m or N.
+    pub effort: String,
+}
+
+/// Why a table cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TableError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the reader says.
+        source: csv::Error,
+    },
+    /// A named column is not there.
+    #[error("{}: no column `{name}`; there are: {}", path.display(), there.join(", "))]
+    MissingColumn {
+        /// The file.
+        path: PathBuf,
+        /// Asked for.
+        name: String,
+        /// Those there.
+        there: Vec<String>,
+    },
+    /// A cell is not a number.
+    #[error("{}: row {row}, column `{column}`: `{text}` is not a number", path.display())]
+    NotANumber {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        text: String,
+    },
+    /// A cell is NaN or infinite.
+    #[error("{}: row {row}, column `{column}`: {value} is not finite; remove the row or fill it in", path.display())]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        value: f64,
+    },
+    /// Time does not increase.
+    #[error("{}: row {row}: time {time} s does not come after {before} s; sort the rows and remove repeated ones", path.display())]
+    TimeNotIncreasing {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: u64,
+        /// Its time.
+        time: f64,
+        /// Time of the row before.
+        before: f64,
+    },
+    /// Too few rows.
+    #[error("{}: {rows} rows are too few, need at least {needed}", path.display())]
+    TooShort {
+        /// The file.
+        path: PathBuf,
+        /// Rows there.
+        rows: usize,
+        /// Rows needed.
+        needed: usize,
+    },
+}
+
+const MIN_ROWS: usize = 100;
+
+/// Reads a table.
+///
+/// # Errors
+/// [`TableError`].
+pub fn read_table(path: &Path, columns: &TableColumns, kind: JointKind) -> Result<JointSamples, TableError> {
+    let io = |source| TableError::Io { path: path.to_owned(), source };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(io)?;
+    let there: Vec<String> = reader.headers().map_err(io)?.iter().map(str::to_owned).collect();
+    let find = |name: &String| {
+        there.iter().position(|column| column == name).ok_or_else(|| TableError::MissingColumn {
+            path: path.to_owned(),
+            name: name.clone(),
+            there: there.clone(),
+        })
+    };
+    let wanted = [&columns.time, &columns.position, &columns.effort];
+    let index = [find(wanted[0])?, find(wanted[1])?, find(wanted[2])?];
+    let mut rows: Vec<[f64; 3]> = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(io)?;
+        let row = record.position().map_or(0, csv::Position::line);
+        let mut values = [0.0_f64; 3];
+        for ((value, at), name) in values.iter_mut().zip(index).zip(wanted) {
+            let text = record.get(at).unwrap_or("");
+            *value = text.parse().map_err(|_| TableError::NotANumber {
+                path: path.to_owned(),
+                row,
+                column: name.clone(),
+                text: text.to_owned(),
+            })?;
+            if !value.is_finite() {
+                return Err(TableError::NotFinite { path: path.to_owned(), row, column: name.clone(), value: *value });
+            }
+        }
+        if let Some(before) = rows.last().filter(|before| values[0] <= before[0]) {
+            return Err(TableError::TimeNotIncreasing { path: path.to_owned(), row, time: values[0], before: before[0] });
+        }
+        rows.push(values);
+    }
+    if rows.len() < MIN_ROWS {
+        return Err(TableError::TooShort { path: path.to_owned(), rows: rows.len(), needed: MIN_ROWS });
+    }
+    Ok(on_a_grid(&rows, kind))
+}
+
+fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {
+    let steps: Vec<f64> = rows.windows(2).map(|w| w[1][0] - w[0][0]).collect();
+    // The mean within 1 % of the median keeps a nominally uniform table uniform over its whole length.
+    let median = quantile(&steps, 0.5);
+    let regular: Vec<f64> = steps.iter().copied().filter(|s| (s / median - 1.0).abs() < 0.5).collect();
+    let period = regular.iter().sum::<f64>() / regular.len().max(1) as f64;
+    let mut out = JointSamples {
+        kind,
+        period,
+        runs: Vec::new(),
+        time: Vec::new(),
+        q: Vec::new(),
+        tau: Vec::new(),
+        noise_of_q: Vec::new(),
+    };
+    let start = rows[0][0];
+    let mut from = 0;
+    for (i, step) in steps.iter().chain(&[f64::INFINITY]).enumerate() {
+        if *step > 3.0 * median {
+            append(&mut out, &rows[from..=i], start);
+            from = i + 1;
+        }
+    }
+    out
+}
+
+/// One piece without gaps: as it is when its steps are even, else interpolated.
+fn append(out: &mut JointSamples, piece: &[[f64; 3]], start: f64) {
+    let begin = out.time.len();
+    let (first, last) = (piece[0][0], piece[piece.len() - 1][0]);
+    let even = piece.iter().enumerate().all(|(i, r)| (r[0] - first - i as f64 * out.period).abs() < 0.2 * out.period);
+    if even {
+        for row in piece {
+            out.time.push(row[0] - start);
+            out.q.push(row[1]);
+            out.tau.push(row[2]);
+        }
+    } else {
+        let mut at = 0;
+        let count = ((last - first) / out.period).floor() as usize + 1;
+        for k in 0..count {
+            let t = first + k as f64 * out.period;
+            while at + 2 < piece.len() && piece[at + 1][0] <= t {
+                at += 1;
+            }
+            let (a, b) = (&piece[at], &piece[(at + 1).min(piece.len() - 1)]);
+            let part = if b[0] > a[0] { ((t - a[0]) / (b[0] - a[0])).clamp(0.0, 1.0) } else { 0.0 };
+            out.time.push(t - start);
+            out.q.push(a[1] + part * (b[1] - a[1]));
+            out.tau.push(a[2] + part * (b[2] - a[2]));
+        }
+    }
+    out.runs.push(begin..out.time.len());
+}
+
+#[cfg(test)]
+mod tests;

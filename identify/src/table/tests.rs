@@ -1,0 +1,80 @@
+use super::*;
+use std::io::Write;
+
+fn table(text: &str) -> tempfile::NamedTempFile {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(text.as_bytes()).unwrap();
+    file
+}
+
+fn columns() -> TableColumns {
+    TableColumns { time: "t".into(), position: "q".into(), effort: "f".into() }
+}
+
+fn read(text: &str) -> Result<JointSamples, TableError> {
+    read_table(table(text).path(), &columns(), JointKind::Prismatic)
+}
+
+fn rows(count: usize) -> String {
+    let mut text = "t, q, other, f\n".to_owned();
+    for i in 0..count {
+        text += &format!("{}, {}, x, {}\n", i as f64 * 0.01, i, 2 * i);
+    }
+    text
+}
+
+#[test]
+fn named_columns_are_read_and_others_ignored() {
+    let samples = read(&rows(200)).unwrap();
+    assert_eq!(samples.runs, vec![0..200]);
+    assert_eq!((samples.q[7], samples.tau[7]), (7.0, 14.0));
+    assert!((samples.period - 0.01).abs() < 1e-12);
+}
+
+#[test]
+fn a_missing_column_names_those_there() {
+    let error = read("t,x,f\n0,0,0\n").unwrap_err().to_string();
+    assert!(error.contains("no column `q`") && error.contains("t, x, f"), "{error}");
+}
+
+#[test]
+fn text_in_a_cell_is_shown_with_its_place() {
+    let error = read("t,q,f\n0,0,0\n0.1,oops,0\n").unwrap_err().to_string();
+    assert!(error.contains("row 3, column `q`: `oops` is not a number"), "{error}");
+}
+
+#[test]
+fn a_nan_is_shown_with_its_place() {
+    let error = read("t,q,f\n0,0,NaN\n").unwrap_err().to_string();
+    assert!(error.contains("row 2, column `f`: NaN is not finite"), "{error}");
+}
+
+#[test]
+fn time_that_does_not_increase_is_shown_with_its_row() {
+    let error = read("t,q,f\n0,0,0\n0.2,0,0\n0.2,0,0\n").unwrap_err().to_string();
+    assert!(error.contains("row 4: time 0.2 s does not come after 0.2 s"), "{error}");
+}
+
+#[test]
+fn too_few_rows_are_refused() {
+    assert!(matches!(read(&rows(50)), Err(TableError::TooShort { rows: 50, needed: 100, .. })));
+    assert!(matches!(
+        read_table(Path::new("/nonexistent/x.csv"), &columns(), JointKind::Revolute),
+        Err(TableError::Io { .. })
+    ));
+}
+
+#[test]
+fn a_gap_ends_a_run_and_uneven_steps_are_interpolated() {
+    let mut text = "t,q,f\n".to_owned();
+    for i in 0..300 {
+        let jitter = if i % 2 == 0 { 0.003 } else { 0.0 };
+        let t = f64::from(i) * 0.01 + jitter + if i >= 150 { 1.0 } else { 0.0 };
+        text += &format!("{t},{},0\n", 2.0 * t);
+    }
+    let samples = read(&text).unwrap();
+    assert_eq!(samples.runs.len(), 2);
+    for (t, q) in samples.time.iter().zip(&samples.q) {
+        assert!((q - 2.0 * (t + 0.003)).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,191 @@
+//! The tool's pose and wrench from a recording, on one uniform grid.
+//!
+//! The grid has the wrench's own median rate. Wrenches are interpolated linearly, rotations by slerp, positions by cubic
+//! Hermite pieces. Where either stream has a hole (over 20 ms and over three of its periods) there is a gap: runs end and
+//! begin there, and nothing is interpolated across.
+
+mod kinematics;
+mod resample;
+
+pub use kinematics::ToolKinematics;
+
+use core::ops::Range;
+
+use ft_recording::{Pose7, Recording, TrackedFrame};
+use ft_wire::time::HostTime;
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
+
+use resample::{PoseStream, Stream, thinned};
+
+/// Why a recording has no common grid.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AlignError {
+    /// A stream has too few samples.
+    #[error("{stream} has {samples} samples, need at least {needed}; check the sensor's connection and record again")]
+    TooFewSamples {
+        /// `wrench` or `pose`.
+        stream: &'static str,
+        /// Samples there.
+        samples: usize,
+        /// Samples needed.
+        needed: usize,
+    },
+    /// The streams do not overlap in time.
+    #[error(
+        "wrench and pose do not overlap in time: the wrench spans {wrench_s:.1} s, the pose {pose_s:.1} s, and they are {apart_s:.1} s apart; \
+         check that both are stamped on one clock"
+    )]
+    NoOverlap {
+        /// Length of the wrench stream, s.
+        wrench_s: f64,
+        /// Length of the pose stream, s.
+        pose_s: f64,
+        /// From the end of the earlier to the start of the later, s.
+        apart_s: f64,
+    },
+    /// Holes leave too little.
+    #[error(
+        "{covered_s:.1} s of {total_s:.1} s have both wrench and pose ({gaps} gaps); the longest piece is {longest_s:.1} s and at least \
+         {needed_s:.0} s are needed; look at the losses with `ft-capture check`"
+    )]
+    Gaps {
+        /// Time covered by both, s.
+        covered_s: f64,
+        /// Time of overlap, s.
+        total_s: f64,
+        /// Number of gaps.
+        gaps: usize,
+        /// Longest piece, s.
+        longest_s: f64,
+        /// Needed, s.
+        needed_s: f64,
+    },
+}
+
+/// Pose and wrench of the tool, sampled uniformly within each run.
+#[derive(Clone, Debug)]
+pub struct ToolSamples {
+    /// Stamp of time 0.
+    pub start: HostTime,
+    /// Time between samples within a run, s.
+    pub period: f64,
+    /// Gapless runs, as ranges into the series.
+    pub runs: Vec<Range<usize>>,
+    /// Time, s.
+    pub time: Vec<f64>,
+    /// Origin of `tcp` in `world`, m.
+    pub position: Vec<Point3<f64>>,
+    /// `world_from_tcp`.
+    pub rotation: Vec<UnitQuaternion<f64>>,
+    /// As recorded: force then torque, environment on tool, in `ft_sensor`.
+    pub wrench: Vec<[f64; 6]>,
+    /// Where the sensor sits.
+    pub tcp_from_ft_sensor: Isometry3<f64>,
+    /// Number of gaps between the runs.
+    pub gaps: usize,
+}
+
+const MIN_SAMPLES: usize = 50;
+const MIN_PIECE_S: f64 = 3.0;
+
+impl ToolSamples {
+    /// Brings a recording's streams onto one grid.
+    ///
+    /// # Errors
+    /// [`AlignError`].
+    pub fn from_recording(recording: &Recording) -> Result<Self, AlignError> {
+        let start = recording.wrench.first().map_or(HostTime::EPOCH, |first| first.at);
+        let wrench = Stream::new(recording.wrench.iter().map(|s| (s.at.seconds_since(start), s.value)).collect());
+        let poses = thinned(recording.pose.samples.iter().map(|s| (s.at.seconds_since(start), isometry(&s.value))).collect());
+        for (stream, samples) in [("wrench", wrench.len()), ("pose", poses.len())] {
+            if samples < MIN_SAMPLES {
+                return Err(AlignError::TooFewSamples { stream, samples, needed: MIN_SAMPLES });
+            }
+        }
+        let pose = PoseStream::new(poses);
+        let (wrench_span, pose_span) = (wrench.span(), pose.span());
+        let (from, to) = (wrench_span.0.max(pose_span.0), wrench_span.1.min(pose_span.1));
+        if to <= from {
+            return Err(AlignError::NoOverlap {
+                wrench_s: wrench_span.1 - wrench_span.0,
+                pose_s: pose_span.1 - pose_span.0,
+                apart_s: from - to,
+            });
+        }
+        let tracked_from_tcp = match recording.pose.frame {
+            TrackedFrame::Tcp => Isometry3::identity(),
+            TrackedFrame::AriaDevice => isometry(&recording.aria_device_from_tcp),
+        };
+        let mut samples = Self {
+            start,
+            period: wrench.period(),
+            runs: Vec::new(),
+            time: Vec::new(),
+            position: Vec::new(),
+            rotation: Vec::new(),
+            wrench: Vec::new(),
+            tcp_from_ft_sensor: isometry(&recording.tcp_from_ft_sensor),
+            gaps: 0,
+        };
+        samples.fill(&wrench, &pose, &tracked_from_tcp, from, to);
+        samples.check(to - from)?;
+        Ok(samples)
+    }
+
+    fn fill(&mut self, wrench: &Stream, pose: &PoseStream, tracked_from_tcp: &Isometry3<f64>, from: f64, to: f64) {
+        let count = ((to - from) / self.period).floor() as usize + 1;
+        let (mut at_wrench, mut at_pose) = (0, 0);
+        let mut open: Option<usize> = None;
+        for k in 0..count {
+            let t = from + k as f64 * self.period;
+            let values = wrench.at(t, &mut at_wrench).zip(pose.at(t, &mut at_pose));
+            let Some((wrench, tracked)) = values else {
+                if let Some(start) = open.take() {
+                    self.runs.push(start..self.time.len());
+                }
+                continue;
+            };
+            open.get_or_insert(self.time.len());
+            let tcp = tracked * tracked_from_tcp;
+            self.time.push(t);
+            self.wrench.push(wrench);
+            self.position.push(Point3::from(tcp.translation.vector));
+            self.rotation.push(tcp.rotation);
+        }
+        if let Some(start) = open {
+            self.runs.push(start..self.time.len());
+        }
+        self.gaps = self.runs.len().saturating_sub(1);
+    }
+
+    fn check(&self, total_s: f64) -> Result<(), AlignError> {
+        let longest_s = self.runs.iter().map(Range::len).max().unwrap_or(0) as f64 * self.period;
+        let covered_s = self.time.len() as f64 * self.period;
+        if longest_s < MIN_PIECE_S {
+            return Err(AlignError::Gaps { covered_s, total_s, gaps: self.gaps, longest_s, needed_s: MIN_PIECE_S });
+        }
+        Ok(())
+    }
+
+    /// Seconds from time 0 to a stamp.
+    #[must_use]
+    pub fn seconds(&self, at: HostTime) -> f64 {
+        at.seconds_since(self.start)
+    }
+
+    /// The parts of the runs whose time lies within `[from, to]` s.
+    #[must_use]
+    pub fn runs_within(&self, from: f64, to: f64) -> Vec<Range<usize>> {
+        let clip = |run: &Range<usize>| {
+            let times = &self.time[run.clone()];
+            run.start + times.partition_point(|t| *t < from)..run.start + times.partition_point(|t| *t <= to)
+        };
+        self.runs.iter().map(clip).filter(|run| !run.is_empty()).collect()
+    }
+}
+
+fn isometry(pose: &Pose7) -> Isometry3<f64> {
+    let [x, y, z, w] = pose.quaternion;
+    Isometry3::from_parts(Translation3::from(pose.position), UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)))
+}

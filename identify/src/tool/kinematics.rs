@@ -1,0 +1,108 @@
+//! What the tool's own weight and inertia depend on, at the sensor and in its axes.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::ToolSamples;
+use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
+
+/// Standard gravity, m/s^2; `world` has z up.
+const GRAVITY: f64 = 9.80665;
+
+/// Cut-off of the low-pass on poses before they are differentiated, Hz: well above the fit's, so that the tool's inertial
+/// wrench is whole there.
+const SMOOTH_HZ: f64 = 20.0;
+
+/// Motion of the sensor frame over the samples of a [`ToolSamples`].
+#[derive(Clone, Debug)]
+pub struct ToolKinematics {
+    /// `world_from_ft_sensor`, not smoothed.
+    pub rotation: Vec<UnitQuaternion<f64>>,
+    /// Gravity minus the acceleration of the sensor's origin, m/s^2, in `ft_sensor`.
+    pub specific: Vec<Vector3<f64>>,
+    /// Angular rate, rad/s, in `ft_sensor`.
+    pub rate: Vec<Vector3<f64>>,
+    /// Angular acceleration, rad/s^2, in `ft_sensor`.
+    pub angular: Vec<Vector3<f64>>,
+}
+
+impl ToolKinematics {
+    /// Differentiates the poses, run by run. Runs too short for the filter get the still tool's values.
+    ///
+    /// # Errors
+    /// [`FilterError::Cutoff`] when the rate is too low for any filter.
+    pub fn of(tool: &ToolSamples) -> Result<Self, FilterError> {
+        let rate_hz = 1.0 / tool.period;
+        let filter = LowPass::butterworth(4, SMOOTH_HZ.min(0.2 * rate_hz), rate_hz)?;
+        let count = tool.time.len();
+        let turn = tool.tcp_from_ft_sensor.rotation;
+        let arm = tool.tcp_from_ft_sensor.translation.vector;
+        let mut out = Self {
+            rotation: tool.rotation.iter().map(|r| r * turn).collect(),
+            specific: Vec::with_capacity(count),
+            rate: Vec::with_capacity(count),
+            angular: Vec::with_capacity(count),
+        };
+        for run in &tool.runs {
+            let rotations = &out.rotation[run.clone()];
+            let origin: Vec<Vector3<f64>> =
+                run.clone().map(|i| tool.position[i].coords + tool.rotation[i] * arm).collect();
+            if run.len() <= filter.edge_samples() + 4 {
+                let still = rotations.iter().map(|r| r.inverse() * Vector3::new(0.0, 0.0, -GRAVITY));
+                out.specific.extend(still);
+                out.rate.extend(rotations.iter().map(|_| Vector3::zeros()));
+                out.angular.extend(rotations.iter().map(|_| Vector3::zeros()));
+                continue;
+            }
+            let smooth = smoothed(rotations, &filter)?;
+            let acceleration = per_axis(&origin, |x| Ok(second_derivative(&filter.zero_phase_settled(x)?, tool.period)))?;
+            let rate = body_rates(&smooth, tool.period);
+            let angular = per_axis(&rate, |x| Ok(first_derivative(x, tool.period)))?;
+            let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
+            out.specific.extend(acceleration.iter().zip(&smooth).map(|(a, r)| r.inverse() * (gravity - a)));
+            out.rate.extend(rate);
+            out.angular.extend(angular);
+        }
+        Ok(out)
+    }
+}
+
+fn per_axis(
+    series: &[Vector3<f64>],
+    f: impl Fn(&[f64]) -> Result<Vec<f64>, FilterError>,
+) -> Result<Vec<Vector3<f64>>, FilterError> {
+    let axis = |k: usize| f(&series.iter().map(|v| v[k]).collect::<Vec<_>>());
+    let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
+    Ok((0..series.len()).map(|i| Vector3::new(x[i], y[i], z[i])).collect())
+}
+
+/// Rotations through the filter, component by component and brought back to length 1.
+fn smoothed(rotations: &[UnitQuaternion<f64>], filter: &LowPass) -> Result<Vec<UnitQuaternion<f64>>, FilterError> {
+    let mut components: [Vec<f64>; 4] = core::array::from_fn(|_| Vec::with_capacity(rotations.len()));
+    let mut last = rotations.first().map_or(Quaternion::identity(), |r| r.into_inner());
+    for rotation in rotations {
+        let q = if rotation.coords.dot(&last.coords) < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
+        for (k, component) in components.iter_mut().enumerate() {
+            component.push(q.coords[k]);
+        }
+        last = q;
+    }
+    let [x, y, z, w] = components;
+    let (x, y, z, w) = (
+        filter.zero_phase_settled(&x)?,
+        filter.zero_phase_settled(&y)?,
+        filter.zero_phase_settled(&z)?,
+        filter.zero_phase_settled(&w)?,
+    );
+    Ok((0..rotations.len()).map(|i| UnitQuaternion::from_quaternion(Quaternion::new(w[i], x[i], y[i], z[i]))).collect())
+}
+
+/// Angular rate in body axes, from each sample's neighbours.
+fn body_rates(rotations: &[UnitQuaternion<f64>], period: f64) -> Vec<Vector3<f64>> {
+    let last = rotations.len() - 1;
+    (0..rotations.len())
+        .map(|i| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
+            (rotations[a].inverse() * rotations[b]).scaled_axis() / ((b - a).max(1) as f64 * period)
+        })
+        .collect()
+}

@@ -1,0 +1,156 @@
+//! Streams of irregular stamps, read at any time; nothing inside a hole.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+const HOLE_S: f64 = 0.020;
+
+/// Wrenches with their times, ascending.
+pub(super) struct Stream {
+    samples: Vec<(f64, [f64; 6])>,
+    hole: f64,
+    period: f64,
+}
+
+impl Stream {
+    pub(super) fn new(samples: Vec<(f64, [f64; 6])>) -> Self {
+        let period = median_step(samples.iter().map(|s| s.0));
+        Self { samples, hole: HOLE_S.max(3.0 * period), period }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Median time between samples, s.
+    pub(super) fn period(&self) -> f64 {
+        self.period
+    }
+
+    pub(super) fn span(&self) -> (f64, f64) {
+        (self.samples.first().map_or(0.0, |s| s.0), self.samples.last().map_or(0.0, |s| s.0))
+    }
+
+    /// Linear interpolation at `t`; `from` moves along with rising `t`.
+    pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<[f64; 6]> {
+        let (i, part) = bracket(&self.samples, t, from, self.hole)?;
+        let (a, b) = (&self.samples[i].1, &self.samples[i + 1].1);
+        Some(core::array::from_fn(|k| a[k] * (1.0 - part) + b[k] * part))
+    }
+}
+
+/// Poses with their times, ascending.
+pub(super) struct PoseStream {
+    samples: Vec<(f64, Isometry3<f64>)>,
+    /// Velocity at each sample, m/s.
+    slopes: Vec<Vector3<f64>>,
+    hole: f64,
+}
+
+impl PoseStream {
+    pub(super) fn new(samples: Vec<(f64, Isometry3<f64>)>) -> Self {
+        let hole = HOLE_S.max(3.0 * median_step(samples.iter().map(|s| s.0)));
+        let slope = |i: usize| {
+            let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(samples.len() - 1));
+            if samples[i].0 - samples[a].0 > hole {
+                a = i;
+            }
+            if samples[b].0 - samples[i].0 > hole {
+                b = i;
+            }
+            let time = samples[b].0 - samples[a].0;
+            if time <= 0.0 {
+                return Vector3::zeros();
+            }
+            (samples[b].1.translation.vector - samples[a].1.translation.vector) / time
+        };
+        let slopes = (0..samples.len()).map(slope).collect();
+        Self { samples, slopes, hole }
+    }
+
+    pub(super) fn span(&self) -> (f64, f64) {
+        (self.samples.first().map_or(0.0, |s| s.0), self.samples.last().map_or(0.0, |s| s.0))
+    }
+
+    /// Hermite position and slerp rotation at `t`.
+    pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<Isometry3<f64>> {
+        let (i, u) = bracket(&self.samples, t, from, self.hole)?;
+        let ((t0, a), (t1, b)) = (&self.samples[i], &self.samples[i + 1]);
+        let step = t1 - t0;
+        let (u2, u3) = (u * u, u * u * u);
+        let position = a.translation.vector * (2.0 * u3 - 3.0 * u2 + 1.0)
+            + b.translation.vector * (3.0 * u2 - 2.0 * u3)
+            + self.slopes[i] * (step * (u3 - 2.0 * u2 + u))
+            + self.slopes[i + 1] * (step * (u3 - u2));
+        let rotation = a.rotation.try_slerp(&b.rotation, u, 1e-9).unwrap_or(a.rotation);
+        Some(Isometry3::from_parts(Translation3::from(position), rotation))
+    }
+}
+
+/// Poses without those that come less than a quarter period after the one before: trackers stamp some 1 us apart.
+pub(super) fn thinned(samples: Vec<(f64, Isometry3<f64>)>) -> Vec<(f64, Isometry3<f64>)> {
+    let least = 0.25 * median_step(samples.iter().map(|s| s.0));
+    let mut kept: Vec<(f64, Isometry3<f64>)> = Vec::with_capacity(samples.len());
+    for (t, mut pose) in samples {
+        if let Some((last, before)) = kept.last() {
+            if t - last < least {
+                continue;
+            }
+            // Both quaternions stand for one rotation: stay on one side.
+            if before.rotation.coords.dot(&pose.rotation.coords) < 0.0 {
+                pose.rotation = UnitQuaternion::new_unchecked(-pose.rotation.into_inner());
+            }
+        }
+        kept.push((t, pose));
+    }
+    kept
+}
+
+/// Index of the sample at or before `t` and the part of the step passed; `None` in a hole or outside.
+fn bracket<T>(samples: &[(f64, T)], t: f64, from: &mut usize, hole: f64) -> Option<(usize, f64)> {
+    while *from + 2 < samples.len() && samples[*from + 1].0 <= t {
+        *from += 1;
+    }
+    let (a, b) = (samples.get(*from)?.0, samples.get(*from + 1)?.0);
+    let step = b - a;
+    if t < a - 1e-9 || t > b + 1e-9 || step > hole {
+        return None;
+    }
+    Some((*from, if step > 0.0 { ((t - a) / step).clamp(0.0, 1.0) } else { 0.0 }))
+}
+
+fn median_step(times: impl Iterator<Item = f64>) -> f64 {
+    let times: Vec<f64> = times.collect();
+    let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
+    let median = crate::samples::quantile(&steps, 0.5);
+    if median > 0.0 { median } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_between_samples_follow_a_smooth_path() {
+        let path = |t: f64| Vector3::new((3.0 * t).sin(), t * t, 0.0);
+        let samples = (0..100).map(|i| 0.01 * f64::from(i)).map(|t| (t, Isometry3::new(path(t), Vector3::z() * t))).collect();
+        let stream = PoseStream::new(samples);
+        let mut from = 0;
+        for k in 0..180 {
+            let t = 0.02 + 0.005 * f64::from(k);
+            let pose = stream.at(t, &mut from).unwrap();
+            assert!((pose.translation.vector - path(t)).norm() < 1e-6);
+            assert!((pose.rotation.angle() - t).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn nothing_is_read_inside_a_hole() {
+        let samples = (0..100).filter(|i| !(40..45).contains(i)).map(|i| (0.01 * f64::from(i), [f64::from(i); 6])).collect();
+        let stream = Stream::new(samples);
+        let mut from = 0;
+        assert_eq!(stream.at(0.385, &mut from).unwrap()[0], 38.5);
+        assert_eq!(stream.at(0.42, &mut from), None);
+        assert_eq!(stream.at(0.455, &mut from).unwrap()[0], 45.5);
+        assert_eq!(stream.at(1.5, &mut from), None);
+    }
+}

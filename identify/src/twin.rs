@@ -1,0 +1,346 @@
+//! `twin.json` (schema `ft-identify/twin/1`): the identified joint for controllers and simulators.
+//!
+//! The effort at a state is `I ddq + mu sgn(dq) + b dq + g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
+//! [`Twin::in_frame`] and [`Twin::in_coordinate`] re-express it (the paper's twin assembly) without changing the effort.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::dynamics::EffortModel;
+use crate::mechanism::{Domain, Mechanism, SplineMechanism};
+use crate::screw::{JointKind, ScrewAxis};
+use crate::spline::Basis;
+
+/// Name of the schema.
+pub const SCHEMA: &str = "ft-identify/twin/1";
+
+/// The identified joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Twin {
+    schema: String,
+    /// Frame, kind, axis, range.
+    pub joint: TwinJoint,
+    /// I, mu, b.
+    pub beta: Beta,
+    /// Added effects; none yet.
+    pub effects: Vec<serde_json::Value>,
+    /// The mechanism, when it was fitted.
+    pub mechanism: Option<TwinMechanism>,
+    /// Where all this was probed.
+    pub domain: Domain,
+    /// Where it comes from.
+    pub provenance: Provenance,
+}
+
+/// Frame, kind, axis, range.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TwinJoint {
+    /// Frame of the axis.
+    pub frame: String,
+    /// Revolute or prismatic.
+    pub kind: JointKind,
+    /// Unit direction; nothing when only a table was seen.
+    pub axis_direction: Option<[f64; 3]>,
+    /// A point on the axis, m.
+    pub axis_point: Option<[f64; 3]>,
+    /// Probed range, rad or m.
+    pub q_range: [f64; 2],
+    /// The twin's coordinate is `sign * q + offset` of the recording's.
+    pub coordinate: Coordinate,
+}
+
+/// `q_twin = sign * q_recording + offset`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Coordinate {
+    /// 1 or -1.
+    pub sign: f64,
+    /// rad or m.
+    pub offset: f64,
+}
+
+/// Parameters with their covariance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Beta {
+    /// Names, in the order of `values`.
+    pub names: Vec<String>,
+    /// Units.
+    pub units: Vec<String>,
+    /// Estimates; nothing where the data do not show it.
+    pub values: Vec<Option<f64>>,
+    /// Covariance of the estimates, row by row.
+    pub covariance: Vec<Vec<f64>>,
+}
+
+/// A mechanism as B-splines on uniform knots, in the recording's coordinate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TwinMechanism {
+    /// `spline`.
+    pub kind: String,
+    /// g(q).
+    pub load: Spline,
+    /// c(q, |dq|) for dq >= 0 and for dq < 0.
+    pub damping: [SurfaceSpline; 2],
+}
+
+/// Uniform B-splines.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spline {
+    /// Interval; outside, the end value holds.
+    pub interval: [f64; 2],
+    /// Number of pieces.
+    pub pieces: usize,
+    /// Degree.
+    pub degree: usize,
+    /// One coefficient per function.
+    pub coefficients: Vec<f64>,
+}
+
+/// A tensor product of uniform B-splines; coefficient index = i_q * functions of speed + i_speed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceSpline {
+    /// Interval of q.
+    pub interval_q: [f64; 2],
+    /// Interval of |dq|.
+    pub interval_speed: [f64; 2],
+    /// Pieces over q and over |dq|.
+    pub pieces: [usize; 2],
+    /// Degrees over q and over |dq|.
+    pub degree: [usize; 2],
+    /// Coefficients.
+    pub coefficients: Vec<f64>,
+}
+
+/// Where a twin comes from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Input files with their SHA-256.
+    pub recordings: Vec<Source>,
+    /// Program and version.
+    pub version: String,
+    /// Where the tool's calibration came from.
+    pub calibration: Option<String>,
+    /// Held-out error of I, mu, b alone and of the full model.
+    pub held_out_rms: Option<[f64; 2]>,
+}
+
+/// One input file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// File name.
+    pub file: String,
+    /// SHA-256, 64 hex digits.
+    pub sha256: String,
+}
+
+impl Twin {
+    /// A twin of a joint and its effort model; `axis` is nothing for a table.
+    #[must_use]
+    pub fn new(
+        kind: JointKind,
+        axis: Option<&ScrewAxis>,
+        q_range: [f64; 2],
+        model: &EffortModel,
+        provenance: Provenance,
+    ) -> Self {
+        let rows = model.covariance.nrows();
+        let domain = model.mechanism.as_ref().map_or(Domain { q: q_range, dq: [0.0, 0.0] }, |m| m.domain.clone());
+        Self {
+            schema: SCHEMA.to_owned(),
+            joint: TwinJoint {
+                frame: "world".to_owned(),
+                kind,
+                axis_direction: axis.map(|axis| axis.direction.into_inner().into()),
+                axis_point: axis.map(|axis| axis.point.coords.into()),
+                q_range,
+                coordinate: Coordinate { sign: 1.0, offset: 0.0 },
+            },
+            beta: Beta {
+                names: model.terms.iter().map(|term| term.name.clone()).collect(),
+                units: model.terms.iter().map(|term| term.unit.clone()).collect(),
+                values: model.terms.iter().map(|term| term.value).collect(),
+                covariance: (0..rows).map(|i| model.covariance.row(i).iter().copied().collect()).collect(),
+            },
+            effects: Vec::new(),
+            mechanism: model.mechanism.as_ref().map(TwinMechanism::of),
+            domain,
+            provenance,
+        }
+    }
+
+    /// Effort that the tool must apply at a state of the twin's coordinate. Parameters that were not identified count as 0.
+    #[must_use]
+    pub fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
+        let Coordinate { sign, offset } = self.joint.coordinate;
+        let (q, dq, ddq) = (sign * (q - offset), sign * dq, sign * ddq);
+        let sgn = if dq == 0.0 { 0.0 } else { dq.signum() };
+        let parametric: f64 = self
+            .beta
+            .names
+            .iter()
+            .zip(&self.beta.values)
+            .map(|(name, value)| {
+                let regressor = match name.as_str() {
+                    "inertia" => ddq,
+                    "coulomb" => sgn,
+                    "viscous" => dq,
+                    "load" => 1.0,
+                    _ => 0.0,
+                };
+                regressor * value.unwrap_or(0.0)
+            })
+            .sum();
+        sign * (parametric + self.mechanism.as_ref().map_or(0.0, |mechanism| mechanism.effort(q, dq)))
+    }
+
+    /// The twin with its axis in frame `name`, `name_from_old` taking the old frame's coordinates there. The joint
+    /// coordinate and the effort stay.
+    #[must_use]
+    pub fn in_frame(&self, name: &str, name_from_old: &Isometry3<f64>) -> Self {
+        let mut twin = self.clone();
+        twin.joint.frame = name.to_owned();
+        twin.joint.axis_direction = self.joint.axis_direction.map(|d| (name_from_old.rotation * Vector3::from(d)).into());
+        twin.joint.axis_point = self.joint.axis_point.map(|p| (name_from_old * Point3::from(p)).coords.into());
+        twin
+    }
+
+    /// The twin in the coordinate `s q + offset`, `s` = 1 or (when `reversed`) -1. The axis turns with the sense.
+    #[must_use]
+    pub fn in_coordinate(&self, reversed: bool, offset: f64) -> Self {
+        let s = if reversed { -1.0 } else { 1.0 };
+        let mut twin = self.clone();
+        let old = self.joint.coordinate;
+        twin.joint.coordinate = Coordinate { sign: s * old.sign, offset: s * old.offset + offset };
+        let mapped = |[low, high]: [f64; 2], offset: f64| {
+            let (a, b) = (s * low + offset, s * high + offset);
+            [a.min(b), a.max(b)]
+        };
+        twin.joint.q_range = mapped(self.joint.q_range, offset);
+        twin.domain = Domain { q: mapped(self.domain.q, offset), dq: mapped(self.domain.dq, 0.0) };
+        twin.joint.axis_direction = self.joint.axis_direction.map(|d| d.map(|v| s * v));
+        twin
+    }
+
+    /// The twin as JSON, indented.
+    ///
+    /// # Errors
+    /// Never for values of this type; the serializer's own error type is kept.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+}
+
+impl TwinMechanism {
+    fn of(mechanism: &SplineMechanism) -> Self {
+        let pair = |basis: &Basis| {
+            let (low, high) = basis.interval();
+            [low, high]
+        };
+        let load = mechanism.load_basis();
+        let (in_q, in_speed) = mechanism.damping_bases();
+        let surface = |coefficients: &Vec<f64>| SurfaceSpline {
+            interval_q: pair(in_q),
+            interval_speed: pair(in_speed),
+            pieces: [in_q.intervals(), in_speed.intervals()],
+            degree: [in_q.degree(), in_speed.degree()],
+            coefficients: coefficients.clone(),
+        };
+        let [opening, closing] = &mechanism.damping_coefficients;
+        Self {
+            kind: mechanism.kind().to_owned(),
+            load: Spline {
+                interval: pair(load),
+                pieces: load.intervals(),
+                degree: load.degree(),
+                coefficients: mechanism.load_coefficients.clone(),
+            },
+            damping: [surface(opening), surface(closing)],
+        }
+    }
+
+    fn effort(&self, q: f64, dq: f64) -> f64 {
+        let [low, high] = self.load.interval;
+        let load = Basis::new(low, high, self.load.pieces, self.load.degree).value(&self.load.coefficients, q);
+        load + self.damping[usize::from(dq < 0.0)].value(q, dq.abs()) * dq
+    }
+}
+
+impl SurfaceSpline {
+    fn value(&self, q: f64, speed: f64) -> f64 {
+        let in_q = Basis::new(self.interval_q[0], self.interval_q[1], self.pieces[0], self.degree[0]);
+        let in_speed = Basis::new(self.interval_speed[0], self.interval_speed[1], self.pieces[1], self.degree[1]);
+        let (first_q, values_q) = in_q.evaluate(q);
+        let (first_speed, values_speed) = in_speed.evaluate(speed);
+        let mut sum = 0.0;
+        for i in 0..=in_q.degree() {
+            for j in 0..=in_speed.degree() {
+                let index = (first_q + i) * in_speed.len() + first_speed + j;
+                sum += self.coefficients.get(index).copied().unwrap_or(0.0) * values_q[i] * values_speed[j];
+            }
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::analyse;
+    use crate::motion::MotionSettings;
+    use crate::samples::JointSamples;
+
+    fn twin() -> (Twin, crate::analysis::Analysis) {
+        let time: Vec<f64> = (0..6000).map(|i| 0.005 * f64::from(i)).collect();
+        let state: Vec<[f64; 3]> = time.iter().map(|t| crate::dynamics::probing(*t, 0.8)).collect();
+        let samples = JointSamples {
+            kind: JointKind::Revolute,
+            period: 0.005,
+            runs: vec![0..6000],
+            q: state.iter().map(|s| s[0]).collect(),
+            tau: state.iter().map(|[q, dq, ddq]| 2.0 * ddq + 0.6 * dq.signum() + 0.9 * dq + 3.0 * q * q).collect(),
+            time,
+            noise_of_q: Vec::new(),
+        };
+        let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+        let axis = ScrewAxis {
+            direction: nalgebra::Unit::new_normalize(Vector3::new(0.0, 0.1, 1.0)),
+            point: Point3::new(1.0, 2.0, 3.0),
+            kind: JointKind::Revolute,
+        };
+        let twin = Twin::new(JointKind::Revolute, Some(&axis), analysis.q_range, &analysis.full, Provenance::default());
+        (twin, analysis)
+    }
+
+    #[test]
+    fn the_twin_gives_the_efforts_of_its_model() {
+        let (twin, analysis) = twin();
+        let model = &analysis.full;
+        let (q, dq, ddq) = (0.4, -0.7, 1.5);
+        let expected = model.theta[0] * ddq - model.theta[1] + model.theta[2] * dq
+            + model.mechanism.as_ref().unwrap().effort(q, dq);
+        assert!((twin.effort(q, dq, ddq) - expected).abs() < 1e-9);
+        assert!((expected - (3.0 - 0.6 - 0.63 + 0.48)).abs() < 0.15, "{expected}");
+    }
+
+    #[test]
+    fn another_frame_or_coordinate_does_not_change_the_effort() {
+        let (twin, _) = twin();
+        let motion = Isometry3::new(Vector3::new(1.0, 0.0, 2.0), Vector3::new(0.3, 0.2, 0.1));
+        let moved = twin.in_frame("asset", &motion).in_coordinate(true, 0.25).in_coordinate(false, -1.0);
+        for (q, dq, ddq) in [(0.1, 0.5, 1.0), (0.7, -0.9, 0.0), (0.4, -0.2, -3.0)] {
+            let there = moved.effort(-q + 0.25 - 1.0, -dq, -ddq);
+            assert!((there + twin.effort(q, dq, ddq)).abs() < 1e-12, "effort turns its sign with the coordinate");
+        }
+        let [low, high] = twin.joint.q_range;
+        assert_eq!(moved.joint.q_range, [-high + 0.25 - 1.0, -low + 0.25 - 1.0]);
+        let back = moved.in_coordinate(true, -0.75).in_frame("world", &motion.inverse());
+        assert!((Vector3::from(back.joint.axis_direction.unwrap()) - Vector3::from(twin.joint.axis_direction.unwrap())).norm() < 1e-12);
+    }
+
+    #[test]
+    fn json_gives_the_twin_back() {
+        let (twin, _) = twin();
+        let back: Twin = serde_json::from_str(&twin.to_json().unwrap()).unwrap();
+        assert_eq!(back.effort(0.3, 0.4, 0.5), twin.effort(0.3, 0.4, 0.5));
+        assert_eq!(back.joint, twin.joint);
+    }
+}
