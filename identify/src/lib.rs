@@ -22,6 +22,8 @@ pub mod least_squares;
 pub mod mechanism;
 pub mod motion;
 pub mod noise;
+pub mod output;
+pub mod page;
 pub mod payload;
 pub mod pipeline;
 pub mod report;

@@ -1,4 +1,0 @@
-use ft_identify::{screw::*,joint_graph::*,track::*};
-fn main(){ for a in std::env::args().skip(1){ let s=read_track(a.as_ref()).unwrap(); let c=select(&s).unwrap();
- let j=refine(&s,&c); let mut s2=s.clone(); s2.rotations.clear(); let c2=select(&s2).unwrap(); let j2=refine(&s2,&c2);
- println!("{} {:?} r0 {:.4} agree {} bic {:.0} {:.0} | with rot r {:.4} rms {:.2} mm dir std {:.2} pos std {:.1}mm noise {:?} {:?} | pos only r {:.4} rms {:.2} dirstd {:.2} pos std {:.1} angle between {:.2}",a.rsplit('/').next().unwrap(),c.kind,c.radius,c.orientation_agrees,c.bic_revolute,c.bic_prismatic,j.axis.distance(&j.tool_position),1e3*j.position_rms,j.direction_std.to_degrees(),1e3*j.position_std,j.position_noise,j.rotation_noise,j2.axis.distance(&j2.tool_position),1e3*j2.position_rms,j2.direction_std.to_degrees(),1e3*j2.position_std,j.axis.separation(&j2.axis).0.to_degrees()); } }

@@ -1,0 +1,299 @@
+//! `ft-identify`: joint, dynamics and twin from a recording, a table or a track.
+#![forbid(unsafe_code)]
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use ft_identify::analysis::analyse;
+use ft_identify::error::IdentifyError;
+use ft_identify::motion::MotionSettings;
+use ft_identify::output::write_to;
+use ft_identify::pipeline::{Identified, Stage, identified_table, identify_recording};
+use ft_identify::report::Joint;
+use ft_identify::screw::JointKind;
+use ft_identify::table::{Recipe, TableColumns, identify_published, read_table};
+use ft_identify::track::{TrackError, TrackJoint, identify_track};
+use ft_recording::TopicMap;
+use indicatif::{ProgressBar, ProgressStyle};
+use sha2::{Digest, Sha256};
+
+const EXAMPLES: &str = "Examples:
+  ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
+  ft-identify bag.mcap --map /wrench=/ft/wrench -o out    a recording with other topic names
+  ft-identify table axis.csv --time t --position q --effort f --kind prismatic -o axis
+  ft-identify track poses.log                         the joint of a track of poses
+
+Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
+
+/// Finds the joint of a door or drawer, what it takes to move it, and what the model still lacks.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    recording: RecordingArguments,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Position and effort of one joint from a CSV file
+    Table(TableArguments),
+    /// The joint alone, from a track of poses (3 or 7 columns per line, or CSV by header)
+    Track(TrackArguments),
+}
+
+#[derive(Args)]
+struct RecordingArguments {
+    /// Recording (MCAP) with /ft/wrench and /tcp/pose or /aria/pose
+    #[arg(required = true)]
+    recording: Option<PathBuf>,
+    /// Directory for report.json, report.html and twin.json
+    #[arg(short, long, required = true)]
+    output: Option<PathBuf>,
+    /// A topic of the recording in place of one of ours: /their/topic=/ft/wrench
+    #[arg(long)]
+    map: Vec<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Args)]
+struct Common {
+    /// Cut-off of the zero-phase filter for effort and regressors, Hz
+    #[arg(long, default_value_t = MotionSettings::default().cutoff_hz)]
+    cutoff_hz: f64,
+    /// Print report.json instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Kind {
+    Revolute,
+    Prismatic,
+}
+
+#[derive(Args)]
+struct TableArguments {
+    /// CSV file with a header
+    table: PathBuf,
+    /// Column of time, s
+    #[arg(long)]
+    time: String,
+    /// Column of the joint coordinate, rad or m
+    #[arg(long)]
+    position: String,
+    /// Column of the effort on the joint, N m or N
+    #[arg(long)]
+    effort: String,
+    /// What the joint does
+    #[arg(long, value_enum)]
+    kind: Kind,
+    /// Directory for report.json, report.html and twin.json
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Published least-squares recipe instead of ours: low-pass of the position, Hz
+    #[arg(long, requires_all = ["lowpass_order", "decimate"])]
+    lowpass_hz: Option<f64>,
+    /// Recipe: Butterworth order of that low-pass
+    #[arg(long, requires = "lowpass_hz")]
+    lowpass_order: Option<usize>,
+    /// Recipe: keep every so many-th sample
+    #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    decimate: Option<u16>,
+    /// Recipe: samples dropped at either end
+    #[arg(long, requires = "lowpass_hz", default_value_t = 0)]
+    drop_border: usize,
+    /// Recipe: fit a constant load too
+    #[arg(long, requires = "lowpass_hz")]
+    offset: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Args)]
+struct TrackArguments {
+    /// Tracks; text with x y z or x y z qx qy qz qw per line, or CSV with a header
+    #[arg(required = true)]
+    tracks: Vec<PathBuf>,
+    /// Directory for joint.json
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Print JSON instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a run ended well.
+enum Outcome {
+    Fine,
+    DataLost,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let outcome = match &arguments.command {
+        Some(Command::Table(table)) => run_table(table),
+        Some(Command::Track(track)) => run_track(track),
+        None => run_recording(&arguments.recording),
+    };
+    match outcome {
+        Ok(Outcome::Fine) => ExitCode::SUCCESS,
+        Ok(Outcome::DataLost) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyError> {
+    let (Some(recording), Some(output)) = (&arguments.recording, &arguments.output) else {
+        return Ok(Outcome::Fine);
+    };
+    let map = TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?;
+    let progress = Progress::start();
+    let settings = settings(&arguments.common);
+    let identified = identify_recording(recording, &map, &settings, &mut |stage| progress.finished(stage))?;
+    progress.end();
+    let lost = identified.report.notes.iter().any(|note| note.starts_with("the file is damaged"));
+    finish(&identified, output, &arguments.common)?;
+    Ok(if lost { Outcome::DataLost } else { Outcome::Fine })
+}
+
+fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
+    let columns = TableColumns {
+        time: arguments.time.clone(),
+        position: arguments.position.clone(),
+        effort: arguments.effort.clone(),
+    };
+    let kind = match arguments.kind {
+        Kind::Revolute => JointKind::Revolute,
+        Kind::Prismatic => JointKind::Prismatic,
+    };
+    let progress = Progress::start();
+    let samples = read_table(&arguments.table, &columns, kind)?;
+    progress.finished(Stage::Read);
+    let recipe = arguments.lowpass_hz.map(|lowpass_hz| Recipe {
+        lowpass_hz,
+        lowpass_order: arguments.lowpass_order.unwrap_or(4),
+        decimate: arguments.decimate.map_or(1, usize::from),
+        drop_border: arguments.drop_border,
+        offset: arguments.offset,
+    });
+    let analysis = match recipe {
+        Some(recipe) => identify_published(&samples, &recipe)?,
+        None => analyse(&samples, &settings(&arguments.common))?,
+    };
+    progress.end();
+    let identified = identified_table(&arguments.table, sha256(&arguments.table)?, &samples, analysis);
+    finish(&identified, &arguments.output, &arguments.common)?;
+    Ok(Outcome::Fine)
+}
+
+fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
+    let mut found = Vec::new();
+    if !arguments.json {
+        println!("{:<28} {:<10} {:>9} {:>8}  axis", "track", "kind", "size m", "rms mm");
+    }
+    for path in &arguments.tracks {
+        let joint = identify_track(path)?;
+        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        if !arguments.json {
+            println!("{}", track_line(&name, &joint));
+        }
+        let described = Joint::of_poses(&joint.joint.axis, &joint.joint, &joint.candidates, joint.q_range);
+        found.push(serde_json::json!({ "file": name, "joint": described }));
+    }
+    let text = format!("{:#}", serde_json::Value::Array(found));
+    if arguments.json {
+        println!("{text}");
+    }
+    if let Some(directory) = &arguments.output {
+        let path = directory.join("joint.json");
+        let write = || {
+            std::fs::create_dir_all(directory)?;
+            std::fs::write(&path, &text)
+        };
+        write().map_err(|source| IdentifyError::Write { path: path.clone(), source })?;
+        eprintln!("wrote {}", path.display());
+    }
+    Ok(Outcome::Fine)
+}
+
+fn track_line(name: &str, found: &TrackJoint) -> String {
+    let size = found.radius.unwrap_or(found.q_range[1] - found.q_range[0]);
+    let what = if found.radius.is_some() { "r" } else { "l" };
+    let d = found.joint.axis.direction;
+    format!(
+        "{name:<28} {:<10} {what} {size:7.3} {:8.2}  [{:.3} {:.3} {:.3}]",
+        found.candidates.kind.name(),
+        1e3 * found.joint.position_rms,
+        d.x,
+        d.y,
+        d.z
+    )
+}
+
+fn finish(identified: &Identified, output: &Path, common: &Common) -> Result<(), IdentifyError> {
+    let files = write_to(output, identified)?;
+    if common.json {
+        let text = identified.report.to_json();
+        println!("{}", text.map_err(|error| IdentifyError::Write { path: output.to_owned(), source: error.into() })?);
+    } else {
+        print!("{}", identified.report.summary());
+        if let Some(page) = files.iter().find(|file| file.extension().is_some_and(|e| e == "html")) {
+            println!("report     {}", page.display());
+        }
+    }
+    Ok(())
+}
+
+fn settings(common: &Common) -> MotionSettings {
+    MotionSettings { cutoff_hz: common.cutoff_hz, ..MotionSettings::default() }
+}
+
+fn sha256(path: &Path) -> Result<String, IdentifyError> {
+    let bytes = std::fs::read(path).map_err(|source| TrackError::Io { path: path.to_owned(), source })?;
+    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// A line on the terminal once the work has taken two seconds; nothing when there is no terminal.
+struct Progress(ProgressBar);
+
+impl Progress {
+    fn start() -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self(ProgressBar::hidden());
+        }
+        let bar = ProgressBar::new(5);
+        if let Ok(style) = ProgressStyle::with_template("{bar:20} {msg} {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.set_draw_target(indicatif::ProgressDrawTarget::stderr_with_hz(1));
+        bar.enable_steady_tick(Duration::from_secs(2));
+        Self(bar)
+    }
+
+    fn finished(&self, stage: Stage) {
+        let next = match stage {
+            Stage::Read => "aligning the streams",
+            Stage::Aligned => "weighing the tool",
+            Stage::Payload => "finding the joint",
+            Stage::Joint => "fitting the dynamics",
+            Stage::Dynamics => "writing the report",
+        };
+        if self.0.elapsed() > Duration::from_secs(2) {
+            self.0.set_message(next);
+        }
+        self.0.inc(1);
+    }
+
+    fn end(&self) {
+        self.0.finish_and_clear();
+    }
+}
