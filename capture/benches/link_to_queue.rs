@@ -53,7 +53,10 @@ impl Link for Memory {
 fn frames() -> Vec<Chunk> {
     (0..FRAMES)
         .map(|index| {
-            let sample = Sample { timestamp_us: u32::try_from(index * 1250).unwrap_or(0), ..SAMPLE };
+            let sample = Sample {
+                timestamp_us: u32::try_from(index * 1250).unwrap_or(0),
+                ..SAMPLE
+            };
             Chunk::new(&encode(&sample)).unwrap_or_default()
         })
         .collect()
@@ -77,14 +80,29 @@ fn link_to_queue(bencher: Bencher<'_, '_>) {
         .counter(FRAMES)
         .with_inputs(|| {
             let (queues, ends) = queues(true, false);
-            let config = bota_serial::Config { startup: Startup::Listen, ..bota_serial::Config::default() };
-            let pump = Pump::new(bota_serial::BotaSerial::new(config), Memory { frames: frames.clone(), next: 0 });
+            let config = bota_serial::Config {
+                startup: Startup::Listen,
+                ..bota_serial::Config::default()
+            };
+            let pump = Pump::new(
+                bota_serial::BotaSerial::new(config),
+                Memory {
+                    frames: frames.clone(),
+                    next: 0,
+                },
+            );
             let counters = Arc::new(StreamCounters::default());
-            (pump, Channel::new(0, queues, counters, Duration::ZERO), ends)
+            (
+                pump,
+                Channel::new(0, queues, counters, Duration::ZERO),
+                ends,
+            )
         })
         .bench_values(|(mut pump, mut channel, ends)| {
             for index in 0..FRAMES {
-                clock.advance_to(HostTime::from_nanos(1_250_000 * i64::try_from(index).unwrap_or(0)));
+                clock.advance_to(HostTime::from_nanos(
+                    1_250_000 * i64::try_from(index).unwrap_or(0),
+                ));
                 let _ = black_box(pump.turn(&clock, HostTime::FAR_FUTURE, &mut channel));
             }
             (pump, channel, ends)

@@ -41,12 +41,20 @@ pub struct Channel<I> {
 impl<I: Intake> Channel<I> {
     /// The channel of the device at position `device`; `link_delay` is the constant part of sample to arrival.
     #[must_use]
-    pub fn new(device: usize, intake: I, counters: Arc<StreamCounters>, link_delay: Duration) -> Self {
+    pub fn new(
+        device: usize,
+        intake: I,
+        counters: Arc<StreamCounters>,
+        link_delay: Duration,
+    ) -> Self {
         Self {
             device,
             intake,
             counters,
-            translator: OneWay::new(OneWayConfig { link_delay, ..OneWayConfig::default() }),
+            translator: OneWay::new(OneWayConfig {
+                link_delay,
+                ..OneWayConfig::default()
+            }),
             link_delay,
             raw: Vec::with_capacity(RawBytes::CAPACITY),
             clock_report_due: HostTime::EPOCH,
@@ -65,13 +73,20 @@ impl<I: Intake> Channel<I> {
     }
 
     fn put(&mut self, arrival: HostTime, sample_time: HostTime, body: Body) {
-        let item = Item { device: Some(self.device), arrival, sample_time, body };
+        let item = Item {
+            device: Some(self.device),
+            arrival,
+            sample_time,
+            body,
+        };
         self.intake.put(item, &self.counters);
     }
 
     /// When a sample was true: by the device's clock where it has one, else its arrival less the constant delay.
     fn sample_time(&mut self, at: SampleInstant) -> HostTime {
-        let Some(device_ns) = at.device_ns else { return at.arrival - self.link_delay };
+        let Some(device_ns) = at.device_ns else {
+            return at.arrival - self.link_delay;
+        };
         let translated = self.translator.observe(device_ns, at.arrival);
         if at.arrival >= self.clock_report_due
             && let Some(status) = self.translator.status()
@@ -86,7 +101,9 @@ impl<I: Intake> Channel<I> {
     fn count_interruption(&mut self, event: &DeviceEvent) {
         match event {
             DeviceEvent::Streaming => self.delivers = true,
-            DeviceEvent::Lost { .. } if std::mem::take(&mut self.delivers) => self.counters.add_interruption(),
+            DeviceEvent::Lost { .. } if std::mem::take(&mut self.delivers) => {
+                self.counters.add_interruption()
+            }
             _ => {}
         }
     }

@@ -95,9 +95,15 @@ impl Driver {
     /// The driver with that name.
     #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
-        [Self::BotaSerial, Self::RobotousCan, Self::RobotousUart, Self::Dynamixel, Self::PoseStream]
-            .into_iter()
-            .find(|driver| driver.name() == name)
+        [
+            Self::BotaSerial,
+            Self::RobotousCan,
+            Self::RobotousUart,
+            Self::Dynamixel,
+            Self::PoseStream,
+        ]
+        .into_iter()
+        .find(|driver| driver.name() == name)
     }
 }
 
@@ -123,7 +129,10 @@ pub struct StaticPose {
 
 impl Default for StaticPose {
     fn default() -> Self {
-        Self { position_m: [0.0; 3], quaternion_xyzw: [0.0, 0.0, 0.0, 1.0] }
+        Self {
+            position_m: [0.0; 3],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+        }
     }
 }
 
@@ -139,7 +148,10 @@ pub struct RecordingConfig {
 
 impl Default for RecordingConfig {
     fn default() -> Self {
-        Self { flush_period_ms: 100, sync_period_ms: 1000 }
+        Self {
+            flush_period_ms: 100,
+            sync_period_ms: 1000,
+        }
     }
 }
 
@@ -165,8 +177,10 @@ impl Config {
     /// # Errors
     /// The file cannot be read, is no TOML, has unknown keys or values that make no sense; each says where.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
         Self::from_toml(&text, path)
     }
 
@@ -175,8 +189,10 @@ impl Config {
     /// # Errors
     /// As for [`Config::load`].
     pub fn from_toml(text: &str, path: &Path) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text)
-            .map_err(|source| ConfigError::Syntax { path: path.to_owned(), source: Box::new(source) })?;
+        let config: Self = toml::from_str(text).map_err(|source| ConfigError::Syntax {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
         config.check(path)?;
         Ok(config)
     }
@@ -186,19 +202,33 @@ impl Config {
     /// # Errors
     /// A value makes no sense.
     pub fn check(&self, path: &Path) -> Result<(), ConfigError> {
-        let wrong = |what: String| Err(ConfigError::Value { path: path.to_owned(), what });
+        let wrong = |what: String| {
+            Err(ConfigError::Value {
+                path: path.to_owned(),
+                what,
+            })
+        };
         if self.devices.is_empty() {
             return wrong("there is no [[device]]: name at least one, or use --sim".to_owned());
         }
         if self.id.is_empty() || self.id.contains(['/', '*', '$', '#', '?', '%']) {
-            return wrong(format!("id = {:?}: letters, digits, - and _ make a key", self.id));
+            return wrong(format!(
+                "id = {:?}: letters, digits, - and _ make a key",
+                self.id
+            ));
         }
         for (index, device) in self.devices.iter().enumerate() {
             if device.name.is_empty() || device.name.contains('/') {
-                return wrong(format!("device {index}: name = {:?}: give it a name without slashes", device.name));
+                return wrong(format!(
+                    "device {index}: name = {:?}: give it a name without slashes",
+                    device.name
+                ));
             }
             if !(0.0..=1e6).contains(&device.latency_us) {
-                return wrong(format!("{}: latency_us = {}: 0 to 1000000", device.name, device.latency_us));
+                return wrong(format!(
+                    "{}: latency_us = {}: 0 to 1000000",
+                    device.name, device.latency_us
+                ));
             }
             for other in self.devices.iter().take(index) {
                 if other.name == device.name {
@@ -214,16 +244,29 @@ impl Config {
             ("aria_device_from_tcp", &self.frames.aria_device_from_tcp),
             ("tcp_from_ft_sensor", &self.frames.tcp_from_ft_sensor),
         ] {
-            let norm = pose.quaternion_xyzw.iter().map(|part| part * part).sum::<f64>().sqrt();
+            let norm = pose
+                .quaternion_xyzw
+                .iter()
+                .map(|part| part * part)
+                .sum::<f64>()
+                .sqrt();
             if !((norm - 1.0).abs() < 1e-3 && pose.position_m.iter().all(|part| part.is_finite())) {
-                return wrong(format!("frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"));
+                return wrong(format!(
+                    "frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"
+                ));
             }
         }
         if !(10..=200).contains(&self.recording.flush_period_ms) {
-            return wrong(format!("recording.flush_period_ms = {}: 10 to 200", self.recording.flush_period_ms));
+            return wrong(format!(
+                "recording.flush_period_ms = {}: 10 to 200",
+                self.recording.flush_period_ms
+            ));
         }
         if !(100..=60_000).contains(&self.recording.sync_period_ms) {
-            return wrong(format!("recording.sync_period_ms = {}: 100 to 60000", self.recording.sync_period_ms));
+            return wrong(format!(
+                "recording.sync_period_ms = {}: 100 to 60000",
+                self.recording.sync_period_ms
+            ));
         }
         Ok(())
     }
@@ -276,7 +319,9 @@ mod tests {
     "#;
 
     fn refusal(text: &str) -> String {
-        Config::from_toml(text, Path::new("capture.toml")).unwrap_err().to_string()
+        Config::from_toml(text, Path::new("capture.toml"))
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]
@@ -289,19 +334,28 @@ mod tests {
     #[test]
     fn an_unknown_key_is_named_with_its_line() {
         let text = refusal(&GOOD.replace("port = \"/dev/ttyUSB1\"", "prot = \"/dev/ttyUSB1\""));
-        assert!(text.contains("prot") && text.contains("line") && text.contains("port"), "{text}");
+        assert!(
+            text.contains("prot") && text.contains("line") && text.contains("port"),
+            "{text}"
+        );
     }
 
     #[test]
     fn an_unknown_driver_is_answered_with_the_known_ones() {
         let text = refusal(&GOOD.replace("dynamixel", "dynamixle"));
-        assert!(text.contains("dynamixle") && text.contains("robotous_can"), "{text}");
+        assert!(
+            text.contains("dynamixle") && text.contains("robotous_can"),
+            "{text}"
+        );
     }
 
     #[test]
     fn two_devices_may_not_fill_one_topic() {
         let text = refusal(&GOOD.replace("dynamixel", "robotous_can"));
-        assert!(text.contains("ft_sensor and gripper would both fill /ft/wrench"), "{text}");
+        assert!(
+            text.contains("ft_sensor and gripper would both fill /ft/wrench"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -311,7 +365,9 @@ mod tests {
 
     #[test]
     fn values_out_of_range_are_named() {
-        assert!(refusal(&format!("{GOOD}\n[recording]\nflush_period_ms = 900")).contains("10 to 200"));
+        assert!(
+            refusal(&format!("{GOOD}\n[recording]\nflush_period_ms = 900")).contains("10 to 200")
+        );
         let bent = "[frames.tcp_from_ft_sensor]\nposition_m=[0,0,0]\nquaternion_xyzw=[0,0,0,2]";
         assert!(refusal(&format!("{GOOD}\n{bent}")).contains("norm 2"));
     }

@@ -2,8 +2,8 @@
 
 use ft_drivers::reading::{PoseReading, WidthReading, WrenchReading};
 use ft_recording::message::{
-    Header, JointState, Message, Point, Pose, PoseStamped, Quaternion, TFMessage, Temperature, Text, Time, Transform,
-    TransformStamped, Vector3, Wrench, WrenchStamped,
+    Header, JointState, Message, Point, Pose, PoseStamped, Quaternion, TFMessage, Temperature,
+    Text, Time, Transform, TransformStamped, Vector3, Wrench, WrenchStamped,
 };
 use ft_wire::HostTime;
 use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp, World};
@@ -104,10 +104,20 @@ pub struct Encoder {
 
 impl Default for Encoder {
     fn default() -> Self {
-        let header = |frame: &str| Header { stamp: Time::default(), frame_id: frame.to_owned() };
+        let header = |frame: &str| Header {
+            stamp: Time::default(),
+            frame_id: frame.to_owned(),
+        };
         Self {
-            wrench: WrenchStamped { header: header(FtSensor::NAME), wrench: Wrench::default() },
-            temperature: Temperature { header: header(FtSensor::NAME), temperature: 0.0, variance: 0.0 },
+            wrench: WrenchStamped {
+                header: header(FtSensor::NAME),
+                wrench: Wrench::default(),
+            },
+            temperature: Temperature {
+                header: header(FtSensor::NAME),
+                temperature: 0.0,
+                variance: 0.0,
+            },
             joint: JointState {
                 header: header(""),
                 name: vec!["gripper_width".to_owned()],
@@ -115,7 +125,10 @@ impl Default for Encoder {
                 velocity: vec![0.0],
                 effort: Vec::new(),
             },
-            pose: PoseStamped { header: header(World::NAME), pose: Pose::default() },
+            pose: PoseStamped {
+                header: header(World::NAME),
+                pose: Pose::default(),
+            },
             mark: Text::default(),
             buffer: Vec::with_capacity(1024),
             temperature_due: HostTime::EPOCH,
@@ -168,13 +181,17 @@ impl Encoder {
     fn fill_wrench(&mut self, stamp: Time, reading: &WrenchReading) {
         let vector = |[x, y, z]: [f64; 3]| Vector3 { x, y, z };
         self.wrench.header.stamp = stamp;
-        self.wrench.wrench =
-            Wrench { force: vector(reading.wrench.force), torque: vector(reading.wrench.torque) };
+        self.wrench.wrench = Wrench {
+            force: vector(reading.wrench.force),
+            torque: vector(reading.wrench.torque),
+        };
     }
 
     /// The temperature is written once a second; false when it is not due or not there.
     fn fill_temperature(&mut self, item: &Item, reading: &WrenchReading) -> bool {
-        let Some(celsius) = reading.temperature_celsius else { return false };
+        let Some(celsius) = reading.temperature_celsius else {
+            return false;
+        };
         if item.sample_time < self.temperature_due {
             return false;
         }
@@ -195,8 +212,14 @@ impl Encoder {
     fn fill_pose(&mut self, stamp: Time, reading: &PoseReading) {
         let ([px, py, pz], [x, y, z, w]) = (reading.pose.position, reading.pose.quaternion);
         self.pose.header.stamp = stamp;
-        self.pose.pose =
-            Pose { position: Point { x: px, y: py, z: pz }, orientation: Quaternion { x, y, z, w } };
+        self.pose.pose = Pose {
+            position: Point {
+                x: px,
+                y: py,
+                z: pz,
+            },
+            orientation: Quaternion { x, y, z, w },
+        };
     }
 }
 
@@ -204,13 +227,21 @@ impl Encoder {
 #[must_use]
 pub fn static_transforms(frames: &Frames, at: HostTime) -> TFMessage {
     let transform = |parent: &str, child: &str, pose: &StaticPose| TransformStamped {
-        header: Header { stamp: Time::from(at), frame_id: parent.to_owned() },
+        header: Header {
+            stamp: Time::from(at),
+            frame_id: parent.to_owned(),
+        },
         child_frame_id: child.to_owned(),
         transform: {
             let ([x, y, z], [qx, qy, qz, qw]) = (pose.position_m, pose.quaternion_xyzw);
             Transform {
                 translation: Vector3 { x, y, z },
-                rotation: Quaternion { x: qx, y: qy, z: qz, w: qw },
+                rotation: Quaternion {
+                    x: qx,
+                    y: qy,
+                    z: qz,
+                    w: qw,
+                },
             }
         },
     };

@@ -115,7 +115,11 @@ impl Health {
                 rate: RateMeter::default(),
             })
             .collect();
-        Self { devices, due: HostTime::EPOCH, changed: false }
+        Self {
+            devices,
+            due: HostTime::EPOCH,
+            changed: false,
+        }
     }
 
     /// Takes what a channel reports; a line for the log when the operator should see it.
@@ -146,14 +150,22 @@ impl Health {
             self.due = now + PERIOD;
         }
         self.changed = false;
-        let header = Header { stamp: Time::from(now), frame_id: String::new() };
-        Some(DiagnosticArray { header, status: self.devices.iter().map(DeviceHealth::diagnostic).collect() })
+        let header = Header {
+            stamp: Time::from(now),
+            frame_id: String::new(),
+        };
+        Some(DiagnosticArray {
+            header,
+            status: self.devices.iter().map(DeviceHealth::diagnostic).collect(),
+        })
     }
 
     /// Whether every device delivers.
     #[must_use]
     pub fn all_streaming(&self) -> bool {
-        self.devices.iter().all(|device| device.state == State::Streaming)
+        self.devices
+            .iter()
+            .all(|device| device.state == State::Streaming)
     }
 
     /// Every device's part of the summary.
@@ -223,8 +235,17 @@ impl DeviceHealth {
             values.push(pair("clock_skew_ppm", format!("{:.3}", clock.skew_ppm)));
             values.push(pair("clock_spread_ns", clock.spread_ns));
         }
-        let hardware_id = self.identity.as_ref().map_or_else(String::new, |identity| identity.serial_number.clone());
-        DiagnosticStatus { level, name: format!("{}: {}", self.name, self.driver), message, hardware_id, values }
+        let hardware_id = self
+            .identity
+            .as_ref()
+            .map_or_else(String::new, |identity| identity.serial_number.clone());
+        DiagnosticStatus {
+            level,
+            name: format!("{}: {}", self.name, self.driver),
+            message,
+            hardware_id,
+            values,
+        }
     }
 
     fn summary(&self) -> StreamSummary {
@@ -273,7 +294,10 @@ impl RateMeter {
 }
 
 fn pair(key: &str, value: impl ToString) -> KeyValue {
-    KeyValue { key: key.to_owned(), value: value.to_string() }
+    KeyValue {
+        key: key.to_owned(),
+        value: value.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -283,12 +307,24 @@ mod tests {
 
     fn event(event: DeviceEvent) -> Item {
         let at = HostTime::from_nanos(5);
-        Item { device: Some(0), arrival: at, sample_time: at, body: Body::Event(event) }
+        Item {
+            device: Some(0),
+            arrival: at,
+            sample_time: at,
+            body: Body::Event(event),
+        }
     }
 
     fn health() -> (Health, Arc<StreamCounters>) {
         let counters = Arc::new(StreamCounters::default());
-        (Health::new(vec![("ft_sensor".to_owned(), "bota_serial", Arc::clone(&counters))]), counters)
+        (
+            Health::new(vec![(
+                "ft_sensor".to_owned(),
+                "bota_serial",
+                Arc::clone(&counters),
+            )]),
+            counters,
+        )
     }
 
     fn at(seconds: i64) -> HostTime {
@@ -310,7 +346,13 @@ mod tests {
     fn the_rate_is_that_of_the_last_second() {
         let (mut health, counters) = health();
         health.poll(at(1));
-        counters.set_driver_counts(Counts::default(), Counts { received: 800, ..Counts::default() });
+        counters.set_driver_counts(
+            Counts::default(),
+            Counts {
+                received: 800,
+                ..Counts::default()
+            },
+        );
         health.poll(at(2));
         assert!((health.summary()[0].rate_hz - 800.0).abs() < 1e-9);
     }
@@ -318,10 +360,15 @@ mod tests {
     #[test]
     fn a_lost_device_is_an_error_with_its_reason() {
         let (mut health, _) = health();
-        let line = health.take(&event(DeviceEvent::Lost { reason: "no bytes for 1 s".to_owned() }));
+        let line = health.take(&event(DeviceEvent::Lost {
+            reason: "no bytes for 1 s".to_owned(),
+        }));
         assert_eq!(line.as_deref(), Some("ft_sensor: lost: no bytes for 1 s"));
         let status = health.poll(at(1)).unwrap().status.remove(0);
-        assert_eq!((status.level, status.message.as_str()), (ERROR, "lost: no bytes for 1 s"));
+        assert_eq!(
+            (status.level, status.message.as_str()),
+            (ERROR, "lost: no bytes for 1 s")
+        );
     }
 
     #[test]

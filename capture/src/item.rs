@@ -20,7 +20,10 @@ pub struct Item {
 
 /// The kinds of things.
 #[derive(Clone, Debug)]
-#[allow(clippy::large_enum_variant, reason = "held in preallocated queues: a box would allocate per frame")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "held in preallocated queues: a box would allocate per frame"
+)]
 pub enum Body {
     /// A frame of the link as it came.
     Raw(RawBytes),
@@ -56,7 +59,10 @@ impl RawBytes {
     pub fn new(from: &[u8]) -> Option<Self> {
         let mut bytes = [0; Self::CAPACITY];
         bytes.get_mut(..from.len())?.copy_from_slice(from);
-        Some(Self { bytes, len: from.len() })
+        Some(Self {
+            bytes,
+            len: from.len(),
+        })
     }
 
     /// The bytes.

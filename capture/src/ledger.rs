@@ -23,11 +23,15 @@ pub struct StreamCounters {
 impl StreamCounters {
     /// Takes over what the driver counted, on top of what drivers of earlier connections counted.
     pub fn set_driver_counts(&self, before: Counts, now: Counts) {
-        self.received.store(before.received + now.received, Ordering::Relaxed);
+        self.received
+            .store(before.received + now.received, Ordering::Relaxed);
         self.gaps.store(before.gaps + now.gaps, Ordering::Relaxed);
-        self.refused.store(before.refused + now.refused, Ordering::Relaxed);
-        self.duplicated.store(before.duplicated + now.duplicated, Ordering::Relaxed);
-        self.skipped.store(before.skipped + now.skipped, Ordering::Relaxed);
+        self.refused
+            .store(before.refused + now.refused, Ordering::Relaxed);
+        self.duplicated
+            .store(before.duplicated + now.duplicated, Ordering::Relaxed);
+        self.skipped
+            .store(before.skipped + now.skipped, Ordering::Relaxed);
     }
 
     /// A sample beyond its rated range was delivered.
@@ -115,19 +119,44 @@ mod tests {
     fn viewers_that_miss_something_are_no_loss_of_data() {
         let counters = StreamCounters::default();
         counters.add_view_drop();
-        counters.set_driver_counts(Counts::default(), Counts { received: 5, duplicated: 1, ..Counts::default() });
+        counters.set_driver_counts(
+            Counts::default(),
+            Counts {
+                received: 5,
+                duplicated: 1,
+                ..Counts::default()
+            },
+        );
         let ledger = counters.snapshot();
         assert!(!ledger.lost_data());
-        assert_eq!((ledger.received, ledger.view_drops, ledger.duplicated), (5, 1, 1));
+        assert_eq!(
+            (ledger.received, ledger.view_drops, ledger.duplicated),
+            (5, 1, 1)
+        );
     }
 
     #[test]
     fn every_kind_of_loss_is_one() {
-        let gap = StreamLedger { gaps: 1, ..StreamLedger::default() };
-        let drop = StreamLedger { drops: 1, ..StreamLedger::default() };
-        let refused = StreamLedger { refused: 1, ..StreamLedger::default() };
-        let invalid = StreamLedger { invalid: 1, ..StreamLedger::default() };
-        let interrupted = StreamLedger { interruptions: 1, ..StreamLedger::default() };
+        let gap = StreamLedger {
+            gaps: 1,
+            ..StreamLedger::default()
+        };
+        let drop = StreamLedger {
+            drops: 1,
+            ..StreamLedger::default()
+        };
+        let refused = StreamLedger {
+            refused: 1,
+            ..StreamLedger::default()
+        };
+        let invalid = StreamLedger {
+            invalid: 1,
+            ..StreamLedger::default()
+        };
+        let interrupted = StreamLedger {
+            interruptions: 1,
+            ..StreamLedger::default()
+        };
         for ledger in [gap, drop, refused, invalid, interrupted] {
             assert!(ledger.lost_data(), "{ledger:?}");
         }

@@ -24,19 +24,28 @@ impl Merge {
     /// A buffer that holds each item for `hold` after its arrival.
     #[must_use]
     pub fn new(hold: Duration) -> Self {
-        Self { hold, waiting: BinaryHeap::with_capacity(1024), pushed: 0 }
+        Self {
+            hold,
+            waiting: BinaryHeap::with_capacity(1024),
+            pushed: 0,
+        }
     }
 
     /// Takes an item in.
     pub fn push(&mut self, item: Item) {
         self.pushed += 1;
-        self.waiting.push(Reverse(Waiting { order: (item.arrival, self.pushed), item }));
+        self.waiting.push(Reverse(Waiting {
+            order: (item.arrival, self.pushed),
+            item,
+        }));
     }
 
     /// The earliest item, if it arrived at least the hold before `now`.
     pub fn pop_due(&mut self, now: HostTime) -> Option<Item> {
         let earliest = self.waiting.peek()?;
-        (earliest.0.order.0 + self.hold <= now).then(|| self.waiting.pop())?.map(|Reverse(waiting)| waiting.item)
+        (earliest.0.order.0 + self.hold <= now)
+            .then(|| self.waiting.pop())?
+            .map(|Reverse(waiting)| waiting.item)
     }
 
     /// The earliest item, due or not: for the end.
@@ -76,7 +85,12 @@ mod tests {
 
     fn mark(at: i64, text: &str) -> Item {
         let at = HostTime::from_nanos(at);
-        Item { device: None, arrival: at, sample_time: at, body: Body::Mark(text.to_owned()) }
+        Item {
+            device: None,
+            arrival: at,
+            sample_time: at,
+            body: Body::Mark(text.to_owned()),
+        }
     }
 
     fn text(item: Option<Item>) -> Option<String> {
@@ -92,8 +106,14 @@ mod tests {
         merge.push(mark(20, "second"));
         merge.push(mark(15, "first"));
         assert_eq!(text(merge.pop_due(HostTime::from_nanos(24))), None);
-        assert_eq!(text(merge.pop_due(HostTime::from_nanos(30))).as_deref(), Some("first"));
-        assert_eq!(text(merge.pop_due(HostTime::from_nanos(30))).as_deref(), Some("second"));
+        assert_eq!(
+            text(merge.pop_due(HostTime::from_nanos(30))).as_deref(),
+            Some("first")
+        );
+        assert_eq!(
+            text(merge.pop_due(HostTime::from_nanos(30))).as_deref(),
+            Some("second")
+        );
         assert_eq!(text(merge.pop_any()), None);
     }
 

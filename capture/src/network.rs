@@ -27,9 +27,16 @@ pub struct Opened {
 /// An endpoint is malformed, or its port cannot be opened or reached.
 pub fn open(network: &Network) -> Result<Opened, SinkError> {
     if network.router {
-        let listen = if network.listen.is_empty() { vec![ROUTER_ENDPOINT.to_owned()] } else { network.listen.clone() };
+        let listen = if network.listen.is_empty() {
+            vec![ROUTER_ENDPOINT.to_owned()]
+        } else {
+            network.listen.clone()
+        };
         let session = start("router", &listen, &network.connect)?;
-        return Ok(Opened { session, how: format!("zenoh router on {}", listen.join(", ")) });
+        return Ok(Opened {
+            session,
+            how: format!("zenoh router on {}", listen.join(", ")),
+        });
     }
     if !network.listen.is_empty() || !network.connect.is_empty() {
         let session = start("peer", &network.listen, &network.connect)?;
@@ -40,14 +47,23 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
         if !network.connect.is_empty() {
             how.push(format!("connected to {}", network.connect.join(", ")));
         }
-        return Ok(Opened { session, how: format!("zenoh {}", how.join(", ")) });
+        return Ok(Opened {
+            session,
+            how: format!("zenoh {}", how.join(", ")),
+        });
     }
     let default = [DEFAULT_ENDPOINT.to_owned()];
     match start("peer", &default, &[]) {
-        Ok(session) => Ok(Opened { session, how: format!("zenoh on {DEFAULT_ENDPOINT} (this host only)") }),
+        Ok(session) => Ok(Opened {
+            session,
+            how: format!("zenoh on {DEFAULT_ENDPOINT} (this host only)"),
+        }),
         Err(_) => {
             let session = start("peer", &[], &default)?;
-            Ok(Opened { session, how: format!("zenoh joined what listens on {DEFAULT_ENDPOINT}") })
+            Ok(Opened {
+                session,
+                how: format!("zenoh joined what listens on {DEFAULT_ENDPOINT}"),
+            })
         }
     }
 }
@@ -72,15 +88,25 @@ fn start(mode: &str, listen: &[String], connect: &[String]) -> Result<zenoh::Ses
         ("connect/timeout_ms", "3000".to_owned()),
         ("connect/exit_on_failure", "true".to_owned()),
     ] {
-        config.insert_json5(key, &value).map_err(|error| SinkError::Zenoh {
-            what: "setting of the session",
-            why: format!("{key} = {value}: {error}"),
-        })?;
+        config
+            .insert_json5(key, &value)
+            .map_err(|error| SinkError::Zenoh {
+                what: "setting of the session",
+                why: format!("{key} = {value}: {error}"),
+            })?;
     }
-    zenoh::open(config).wait().map_err(|error| SinkError::Zenoh { what: "opening the session", why: explain(&error, listen, connect) })
+    zenoh::open(config)
+        .wait()
+        .map_err(|error| SinkError::Zenoh {
+            what: "opening the session",
+            why: explain(&error, listen, connect),
+        })
 }
 
 fn explain(error: &zenoh::Error, listen: &[String], connect: &[String]) -> String {
     let wanted: Vec<_> = listen.iter().chain(connect).map(String::as_str).collect();
-    format!("{} (endpoints look like tcp/192.168.0.7:7447): {error}", wanted.join(", "))
+    format!(
+        "{} (endpoints look like tcp/192.168.0.7:7447): {error}",
+        wanted.join(", ")
+    )
 }

@@ -42,7 +42,16 @@ pub fn spawn(
     clock: MonotonicClock,
     thread: LinkThread<Queues>,
 ) -> Result<JoinHandle<()>, SessionError> {
-    with_driver(device, Startup::Configure, Spawn { device, connection, clock, thread })?
+    with_driver(
+        device,
+        Startup::Configure,
+        Spawn {
+            device,
+            connection,
+            clock,
+            thread,
+        },
+    )?
 }
 
 struct Spawn<'a> {
@@ -64,7 +73,10 @@ impl Spawn<'_> {
         D::Frame: RawFrame,
         L: Link<Frame = D::Frame> + Send + 'static,
     {
-        let link = open().map_err(|source| SessionError::Link { device: device.name.clone(), source })?;
+        let link = open().map_err(|source| SessionError::Link {
+            device: device.name.clone(),
+            source,
+        })?;
         let pump = Pump::new(make(), link);
         std::thread::Builder::new()
             .name(format!("ft-{}", device.name))
@@ -81,7 +93,9 @@ impl DriverUser for Spawn<'_> {
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
     {
         let (port, clock) = (self.device.port.clone(), self.clock);
-        Self::start(self.device, self.thread, make, move || SerialLink::open(Path::new(&port), baud_bps, clock))
+        Self::start(self.device, self.thread, make, move || {
+            SerialLink::open(Path::new(&port), baud_bps, clock)
+        })
     }
 
     fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
@@ -97,7 +111,8 @@ impl DriverUser for Spawn<'_> {
             Connection::Simulated(link) => {
                 let mut link = Some(link);
                 Self::start(self.device, self.thread, make, move || {
-                    link.take().ok_or_else(|| LinkError::Gone { port: port.clone() })
+                    link.take()
+                        .ok_or_else(|| LinkError::Gone { port: port.clone() })
                 })
             }
         }
@@ -128,9 +143,18 @@ where
     I: Intake,
 {
     fn turn_until_idle(&mut self, clock: &SteppedClock, now: HostTime) -> Result<(), SessionError> {
-        let lost = |source| SessionError::Link { device: self.name.clone(), source };
-        while self.pump.turn(clock, now, &mut self.channel).map_err(lost)? == Turn::Frame {}
-        self.counters.set_driver_counts(Counts::default(), self.pump.counts());
+        let lost = |source| SessionError::Link {
+            device: self.name.clone(),
+            source,
+        };
+        while self
+            .pump
+            .turn(clock, now, &mut self.channel)
+            .map_err(lost)?
+            == Turn::Frame
+        {}
+        self.counters
+            .set_driver_counts(Counts::default(), self.pump.counts());
         Ok(())
     }
 }
@@ -178,8 +202,15 @@ where
         D::Frame: RawFrame,
         L: Link<Frame = D::Frame> + 'static,
     {
-        let link = link.ok_or_else(|| SessionError::NoSuchLink { device: device.name.clone() })?;
-        Ok(Box::new(Stepped { name: device.name.clone(), pump: Pump::new(driver, link), channel, counters }))
+        let link = link.ok_or_else(|| SessionError::NoSuchLink {
+            device: device.name.clone(),
+        })?;
+        Ok(Box::new(Stepped {
+            name: device.name.clone(),
+            pump: Pump::new(driver, link),
+            channel,
+            counters,
+        }))
     }
 }
 
@@ -197,13 +228,25 @@ where
     where
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
     {
-        Self::join(self.device, self.channel, self.counters, make(), (self.serial)())
+        Self::join(
+            self.device,
+            self.channel,
+            self.counters,
+            make(),
+            (self.serial)(),
+        )
     }
 
     fn can<D>(self, make: impl Fn() -> D + Send + 'static, _ids: Vec<u16>) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {
-        Self::join(self.device, self.channel, self.counters, make(), (self.can)())
+        Self::join(
+            self.device,
+            self.channel,
+            self.counters,
+            make(),
+            (self.can)(),
+        )
     }
 }

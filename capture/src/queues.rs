@@ -42,8 +42,16 @@ pub fn queues(record: bool, publish: bool) -> (Queues, QueueEnds) {
     let (publisher, publisher_end) = open(publish, PUBLISHER_CAPACITY);
     let (health, health_end) = bounded(HEALTH_CAPACITY);
     (
-        Queues { writer, publisher, health },
-        QueueEnds { writer: writer_end, publisher: publisher_end, health: health_end },
+        Queues {
+            writer,
+            publisher,
+            health,
+        },
+        QueueEnds {
+            writer: writer_end,
+            publisher: publisher_end,
+            health: health_end,
+        },
     )
 }
 
@@ -79,7 +87,12 @@ mod tests {
 
     fn mark() -> Item {
         let at = HostTime::EPOCH;
-        Item { device: None, arrival: at, sample_time: at, body: Body::Mark("m".to_owned()) }
+        Item {
+            device: None,
+            arrival: at,
+            sample_time: at,
+            body: Body::Mark("m".to_owned()),
+        }
     }
 
     #[test]

@@ -58,13 +58,22 @@ impl Topic {
             Profile::Jazzy => type_hash,
             Profile::Humble => "TypeHashNotSupported",
         };
-        Self { name: name.to_owned(), dds_type, hash: hash.to_owned() }
+        Self {
+            name: name.to_owned(),
+            dds_type,
+            hash: hash.to_owned(),
+        }
     }
 
     /// The key expression that samples are put on.
     #[must_use]
     pub fn key_expr(&self, domain_id: u32) -> String {
-        format!("{domain_id}/{}/{}/{}", self.name.trim_matches('/'), self.dds_type, self.hash)
+        format!(
+            "{domain_id}/{}/{}/{}",
+            self.name.trim_matches('/'),
+            self.dds_type,
+            self.hash
+        )
     }
 
     /// The liveliness token of a publisher of this topic.
@@ -98,7 +107,10 @@ impl NodeName {
     /// The node's own liveliness token.
     #[must_use]
     pub fn token(&self) -> String {
-        format!("@ros2_lv/{}/{}/0/0/NN/%/%/{}", self.domain_id, self.zenoh_id, self.node)
+        format!(
+            "@ros2_lv/{}/{}/0/0/NN/%/%/{}",
+            self.domain_id, self.zenoh_id, self.node
+        )
     }
 }
 
@@ -132,7 +144,11 @@ pub fn read_attachment(bytes: &[u8]) -> Option<(i64, i64)> {
     if bytes.len() != ATTACHMENT_LEN || bytes.get(16) != Some(&16) {
         return None;
     }
-    let number = |from: usize| Some(i64::from_le_bytes(bytes.get(from..from + 8)?.try_into().ok()?));
+    let number = |from: usize| {
+        Some(i64::from_le_bytes(
+            bytes.get(from..from + 8)?.try_into().ok()?,
+        ))
+    };
     Some((number(0)?, number(8)?))
 }
 
@@ -143,7 +159,12 @@ mod tests {
     const HASH: &str = "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
 
     fn wrench(profile: Profile) -> Topic {
-        Topic::new("/ft/wrench", "geometry_msgs/msg/WrenchStamped", HASH, profile)
+        Topic::new(
+            "/ft/wrench",
+            "geometry_msgs/msg/WrenchStamped",
+            HASH,
+            profile,
+        )
     }
 
     #[test]
@@ -152,8 +173,16 @@ mod tests {
             wrench(Profile::Jazzy).key_expr(0),
             format!("0/ft/wrench/geometry_msgs::msg::dds_::WrenchStamped_/{HASH}")
         );
-        let chatter = Topic::new("/chatter", "std_msgs/msg/String", "RIHS01_df", Profile::Humble);
-        assert_eq!(chatter.key_expr(0), "0/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported");
+        let chatter = Topic::new(
+            "/chatter",
+            "std_msgs/msg/String",
+            "RIHS01_df",
+            Profile::Humble,
+        );
+        assert_eq!(
+            chatter.key_expr(0),
+            "0/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported"
+        );
     }
 
     #[test]
@@ -179,8 +208,14 @@ mod tests {
                  geometry_msgs::msg::dds_::WrenchStamped_/{HASH}/2::,10:,:,:,,"
             )
         );
-        assert_eq!(gid(&token), 0x1446_47cf_4160_c1c1_aff5_4000_1ee7_b567_u128.to_be_bytes());
-        assert_eq!(node.token(), "@ros2_lv/0/9ca0f8facf84ffb1e6bfa4f2500889f0/0/0/NN/%/%/ft_capture");
+        assert_eq!(
+            gid(&token),
+            0x1446_47cf_4160_c1c1_aff5_4000_1ee7_b567_u128.to_be_bytes()
+        );
+        assert_eq!(
+            node.token(),
+            "@ros2_lv/0/9ca0f8facf84ffb1e6bfa4f2500889f0/0/0/NN/%/%/ft_capture"
+        );
     }
 
     #[test]
@@ -189,7 +224,10 @@ mod tests {
         let source_ns = i64::from_le_bytes([0x34, 0xda, 0xe1, 0x01, 0x62, 0xf8, 0xc4, 0x18]);
         let bytes = attachment(216, source_ns, id);
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(hex, "d80000000000000034dae10162f8c41810f07168d3856ce9f689254cbed6252151");
+        assert_eq!(
+            hex,
+            "d80000000000000034dae10162f8c41810f07168d3856ce9f689254cbed6252151"
+        );
         assert_eq!(read_attachment(&bytes), Some((216, source_ns)));
         assert_eq!(read_attachment(&bytes[..32]), None);
     }

@@ -94,7 +94,9 @@ pub enum SessionError {
     #[error("a thread could not be started")]
     Thread(#[source] std::io::Error),
     /// A thread ended in a way that should be impossible.
-    #[error("the {0} thread panicked: please report this; what was flushed is in the .partial file")]
+    #[error(
+        "the {0} thread panicked: please report this; what was flushed is in the .partial file"
+    )]
     Panicked(&'static str),
 }
 
@@ -125,16 +127,32 @@ impl Plan {
             ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
             ("id".to_owned(), self.config.id.clone()),
             ("clock".to_owned(), clock.to_owned()),
-            ("clock_anchor_unix_ns".to_owned(), start.as_nanos().to_string()),
-            ("config".to_owned(), toml::to_string(&self.config).unwrap_or_default()),
+            (
+                "clock_anchor_unix_ns".to_owned(),
+                start.as_nanos().to_string(),
+            ),
+            (
+                "config".to_owned(),
+                toml::to_string(&self.config).unwrap_or_default(),
+            ),
         ]);
-        let calibration = self.config.calibration.as_ref().map(Calibration::to_metadata).transpose()?;
+        let calibration = self
+            .config
+            .calibration
+            .as_ref()
+            .map(Calibration::to_metadata)
+            .transpose()?;
         Ok(Preamble {
             session,
             calibration,
             static_transforms: static_transforms(&self.config.frames, start),
             start,
-            devices: self.config.devices.iter().map(|device| device.name.clone()).collect(),
+            devices: self
+                .config
+                .devices
+                .iter()
+                .map(|device| device.name.clone())
+                .collect(),
         })
     }
 }
@@ -142,7 +160,17 @@ impl Plan {
 /// Nothing is known yet of the plan's devices.
 fn health(plan: &Plan, counters: &[Arc<StreamCounters>]) -> Health {
     let named = plan.config.devices.iter().zip(counters);
-    Health::new(named.map(|(device, counters)| (device.name.clone(), device.driver.name(), Arc::clone(counters))).collect())
+    Health::new(
+        named
+            .map(|(device, counters)| {
+                (
+                    device.name.clone(),
+                    device.driver.name(),
+                    Arc::clone(counters),
+                )
+            })
+            .collect(),
+    )
 }
 
 /// The metadata `ft.ledger`: one JSON object for each stream.
@@ -151,13 +179,24 @@ pub fn ledger_metadata(health: &Health) -> BTreeMap<String, String> {
     health
         .summary()
         .iter()
-        .map(|stream| (stream.name.clone(), serde_json::to_string(&stream.ledger).unwrap_or_default()))
+        .map(|stream| {
+            (
+                stream.name.clone(),
+                serde_json::to_string(&stream.ledger).unwrap_or_default(),
+            )
+        })
         .collect()
 }
 
 /// The summary of a session that ran from `start` to `end`.
 #[must_use]
-pub fn summarize(health: &Health, own: StreamLedger, start: HostTime, end: HostTime, file: Option<FileSummary>) -> Summary {
+pub fn summarize(
+    health: &Health,
+    own: StreamLedger,
+    start: HostTime,
+    end: HostTime,
+    file: Option<FileSummary>,
+) -> Summary {
     Summary {
         duration_s: end.seconds_since(start),
         streams: health.summary(),

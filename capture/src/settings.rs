@@ -4,7 +4,9 @@ use ft_drivers::device::Counted;
 use ft_drivers::options::{Sign, Startup};
 use ft_drivers::reading::Reading;
 use ft_drivers::robotous::{self, Filter, Scale};
-use ft_drivers::{Device as Protocol, bota_serial, dynamixel, pose_stream, robotous_can, robotous_uart};
+use ft_drivers::{
+    Device as Protocol, bota_serial, dynamixel, pose_stream, robotous_can, robotous_uart,
+};
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::CanIds;
 use ft_wire::{CanFrame, Chunk};
@@ -34,43 +36,83 @@ pub trait DriverUser {
 ///
 /// # Errors
 /// A setting is unknown or makes no sense.
-pub fn with_driver<U: DriverUser>(device: &Device, startup: Startup, user: U) -> Result<U::Output, SessionError> {
+pub fn with_driver<U: DriverUser>(
+    device: &Device,
+    startup: Startup,
+    user: U,
+) -> Result<U::Output, SessionError> {
     match device.driver {
         Driver::BotaSerial => {
             let settings: BotaSettings = read(device)?;
-            let config = settings.config(startup).map_err(|what| wrong(device, what))?;
-            Ok(user.serial(move || bota_serial::BotaSerial::new(config.clone()), settings.baud_bps))
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
+            Ok(user.serial(
+                move || bota_serial::BotaSerial::new(config.clone()),
+                settings.baud_bps,
+            ))
         }
         Driver::RobotousCan => {
             let settings: RobotousSettings = read(device)?;
-            let ids = CanIds { command: settings.command_id, first: settings.first_id, second: settings.second_id };
-            let config = robotous_can::Config { sensor: settings.config(startup), ids, ..Default::default() };
+            let ids = CanIds {
+                command: settings.command_id,
+                first: settings.first_id,
+                second: settings.second_id,
+            };
+            let config = robotous_can::Config {
+                sensor: settings.config(startup),
+                ids,
+                ..Default::default()
+            };
             let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
-            Ok(user.can(move || robotous_can::RobotousCan::new(config.clone()), listened))
+            Ok(user.can(
+                move || robotous_can::RobotousCan::new(config.clone()),
+                listened,
+            ))
         }
         Driver::RobotousUart => {
             let settings: RobotousSettings = read(device)?;
-            let config = robotous_uart::Config { sensor: settings.config(startup), baud_bps: settings.baud_bps };
-            Ok(user.serial(move || robotous_uart::RobotousUart::new(config.clone()), settings.baud_bps))
+            let config = robotous_uart::Config {
+                sensor: settings.config(startup),
+                baud_bps: settings.baud_bps,
+            };
+            Ok(user.serial(
+                move || robotous_uart::RobotousUart::new(config.clone()),
+                settings.baud_bps,
+            ))
         }
         Driver::Dynamixel => {
             let settings: DynamixelSettings = read(device)?;
             let config = settings.config(startup);
-            Ok(user.serial(move || dynamixel::Dynamixel::new(config.clone()), settings.baud_bps))
+            Ok(user.serial(
+                move || dynamixel::Dynamixel::new(config.clone()),
+                settings.baud_bps,
+            ))
         }
         Driver::PoseStream => {
             let settings: PoseSettings = read(device)?;
-            Ok(user.serial(|| pose_stream::PoseStream::new(pose_stream::Config::default()), settings.baud_bps))
+            Ok(user.serial(
+                || pose_stream::PoseStream::new(pose_stream::Config::default()),
+                settings.baud_bps,
+            ))
         }
     }
 }
 
 fn read<T: DeserializeOwned>(device: &Device) -> Result<T, SessionError> {
-    device.settings.clone().try_into().map_err(|error: toml::de::Error| wrong(device, error.message().to_owned()))
+    device
+        .settings
+        .clone()
+        .try_into()
+        .map_err(|error: toml::de::Error| wrong(device, error.message().to_owned()))
 }
 
 fn wrong(device: &Device, what: String) -> SessionError {
-    SessionError::Settings { device: device.name.clone(), driver: device.driver.name(), what }
+    SessionError::Settings {
+        device: device.name.clone(),
+        driver: device.driver.name(),
+        what,
+    }
 }
 
 /// The rate at which a Bota samples its gauges, before its filter.
@@ -107,12 +149,19 @@ impl Default for BotaSettings {
 impl BotaSettings {
     fn config(&self, startup: Startup) -> Result<bota_serial::Config, String> {
         let baud = BaudRate::from_bps(self.baud_bps).ok_or_else(|| {
-            format!("baud_bps = {}: 9600, 57600, 115200, 230400 or 460800", self.baud_bps)
+            format!(
+                "baud_bps = {}: 9600, 57600, 115200, 230400 or 460800",
+                self.baud_bps
+            )
         })?;
         if !(12.5..=1000.0).contains(&self.rate_hz) {
             return Err(format!("rate_hz = {}: 12.5 to 1000", self.rate_hz));
         }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "51 to 4096 by the check above")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "51 to 4096 by the check above"
+        )]
         let sinc_length = (GAUGE_RATE_HZ / self.rate_hz).round() as u16;
         Ok(bota_serial::Config {
             baud,
@@ -197,7 +246,11 @@ struct DynamixelSettings {
 
 impl Default for DynamixelSettings {
     fn default() -> Self {
-        Self { id: 1, baud_bps: 57_600, rate_hz: 50.0 }
+        Self {
+            id: 1,
+            baud_bps: 57_600,
+            rate_hz: 50.0,
+        }
     }
 }
 
@@ -222,7 +275,9 @@ struct PoseSettings {
 
 impl Default for PoseSettings {
     fn default() -> Self {
-        Self { baud_bps: 2_000_000 }
+        Self {
+            baud_bps: 2_000_000,
+        }
     }
 }
 

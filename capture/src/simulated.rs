@@ -10,9 +10,8 @@ use ft_recording::calibration::{Calibration, Estimate};
 use ft_sim_hw::{Bus, Fitted, KnownSetup, SettingValue, Simulation};
 use ft_wire::HostTime;
 
-
-use crate::config::{Config, Device, Driver, Frames, Network, RecordingConfig, StaticPose};
 use crate::channel::Channel;
+use crate::config::{Config, Device, Driver, Frames, Network, RecordingConfig, StaticPose};
 use crate::item::Body;
 use crate::ledger::StreamCounters;
 use crate::open::{StepBuilder, SteppedLink};
@@ -33,7 +32,10 @@ pub fn config(
     let mut devices = Vec::new();
     for device in fitted {
         let driver = Driver::by_name(device.driver).ok_or_else(|| {
-            SessionError::Simulation(format!("{}: no driver is named {:?}", device.name, device.driver))
+            SessionError::Simulation(format!(
+                "{}: no driver is named {:?}",
+                device.name, device.driver
+            ))
         })?;
         devices.push(Device {
             name: device.name.clone(),
@@ -43,7 +45,10 @@ pub fn config(
             settings: settings(device, driver),
         });
     }
-    let pose = |(position_m, quaternion_xyzw)| StaticPose { position_m, quaternion_xyzw };
+    let pose = |(position_m, quaternion_xyzw)| StaticPose {
+        position_m,
+        quaternion_xyzw,
+    };
     Ok(Config {
         id: scenario.to_owned(),
         devices,
@@ -93,10 +98,17 @@ pub fn run(
     mut wants_end: impl FnMut() -> bool,
 ) -> Result<Summary, SessionError> {
     let buffer = Buffer::default();
-    let counters: Vec<_> = plan.config.devices.iter().map(|_| Arc::new(StreamCounters::default())).collect();
+    let counters: Vec<_> = plan
+        .config
+        .devices
+        .iter()
+        .map(|_| Arc::new(StreamCounters::default()))
+        .collect();
     let links = open_links(plan, simulation, &buffer, &counters)?;
     let mut stepping = Stepping::begin(plan, links, &counters, buffer, START, "simulated")?;
-    let end = plan.duration.map_or(simulation.end(), |duration| START + duration);
+    let end = plan
+        .duration
+        .map_or(simulation.end(), |duration| START + duration);
     let mut now = START;
     while now < end && !simulation.is_over() && !wants_end() {
         now = now + STEP;
@@ -133,10 +145,16 @@ fn open_links(
 
 /// What the driver must be told, and the line's rate.
 fn settings(device: &Fitted, driver: Driver) -> toml::Table {
-    let mut table: toml::Table =
-        device.settings.iter().map(|(key, value)| (key.clone(), setting(value))).collect();
+    let mut table: toml::Table = device
+        .settings
+        .iter()
+        .map(|(key, value)| (key.clone(), setting(value)))
+        .collect();
     if let Bus::Serial { baud_bps } = device.bus {
-        table.insert("baud_bps".to_owned(), toml::Value::Integer(i64::from(baud_bps)));
+        table.insert(
+            "baud_bps".to_owned(),
+            toml::Value::Integer(i64::from(baud_bps)),
+        );
     }
     if driver == Driver::PoseStream {
         // A tracker has a rate of its own; the driver takes what comes.
@@ -148,7 +166,10 @@ fn settings(device: &Fitted, driver: Driver) -> toml::Table {
 /// Whole numbers are written as such.
 fn setting(value: &SettingValue) -> toml::Value {
     match value {
-        #[allow(clippy::cast_possible_truncation, reason = "whole and within what f64 holds exactly")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "whole and within what f64 holds exactly"
+        )]
         SettingValue::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
             toml::Value::Integer(*number as i64)
         }
@@ -160,9 +181,18 @@ fn setting(value: &SettingValue) -> toml::Value {
 fn calibration(known: &KnownSetup) -> Calibration {
     let payload = &known.payload;
     Calibration {
-        payload_mass_kg: Estimate { value: payload.mass_kg, std: payload.mass_std_kg },
-        payload_com_m: Estimate { value: payload.com_m, std: payload.com_std_m },
-        payload_inertia_kgm2: Estimate { value: payload.inertia_kgm2, std: payload.inertia_std_kgm2 },
+        payload_mass_kg: Estimate {
+            value: payload.mass_kg,
+            std: payload.mass_std_kg,
+        },
+        payload_com_m: Estimate {
+            value: payload.com_m,
+            std: payload.com_std_m,
+        },
+        payload_inertia_kgm2: Estimate {
+            value: payload.inertia_kgm2,
+            std: payload.inertia_std_kgm2,
+        },
         wrench_bias: None,
     }
 }

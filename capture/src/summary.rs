@@ -38,7 +38,10 @@ impl Summary {
     #[must_use]
     pub fn lost_data(&self) -> bool {
         self.own_drops > 0
-            || self.streams.iter().any(|stream| stream.ledger.lost_data() || stream.ledger.received == 0)
+            || self
+                .streams
+                .iter()
+                .any(|stream| stream.ledger.lost_data() || stream.ledger.received == 0)
     }
 }
 
@@ -47,12 +50,26 @@ impl fmt::Display for Summary {
         writeln!(
             f,
             "{:<10} {:<14} {:>9} {:>8} {:>5} {:>5} {:>7} {:>10} {:>9} {:>10}",
-            "stream", "driver", "samples", "rate/Hz", "gaps", "drops", "refused", "overrange", "skew/ppm", "spread/us"
+            "stream",
+            "driver",
+            "samples",
+            "rate/Hz",
+            "gaps",
+            "drops",
+            "refused",
+            "overrange",
+            "skew/ppm",
+            "spread/us"
         )?;
         for stream in &self.streams {
             let (skew, spread) = stream.clock.map_or_else(
                 || ("-".to_owned(), "-".to_owned()),
-                |clock| (format!("{:.1}", clock.skew_ppm), format!("{:.0}", clock.spread_us)),
+                |clock| {
+                    (
+                        format!("{:.1}", clock.skew_ppm),
+                        format!("{:.0}", clock.spread_us),
+                    )
+                },
             );
             let ledger = &stream.ledger;
             writeln!(
@@ -92,7 +109,11 @@ impl fmt::Display for Summary {
                 self.duration_s
             )?;
         }
-        let verdict = if self.lost_data() { "DATA WAS LOST: see the counts above" } else { "nothing was lost" };
+        let verdict = if self.lost_data() {
+            "DATA WAS LOST: see the counts above"
+        } else {
+            "nothing was lost"
+        };
         write!(f, "{verdict}")
     }
 }

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use ft_recording::cdr::CdrError;
-use ft_recording::message::{DiagnosticArray, JointState, Message, PoseStamped, Text, WrenchStamped};
+use ft_recording::message::{
+    DiagnosticArray, JointState, Message, PoseStamped, Text, WrenchStamped,
+};
 use ft_wire::HostTime;
 
 use crate::rmw;
@@ -35,7 +37,9 @@ struct TopicView {
 impl View {
     /// Takes one sample of `key` (`<domain>/<topic>/<type>/<hash>`).
     pub fn take(&mut self, key: &str, payload: &[u8], attachment: Option<&[u8]>) {
-        let Some((topic, type_name)) = split_key(key) else { return };
+        let Some((topic, type_name)) = split_key(key) else {
+            return;
+        };
         let account = self.topics.entry(topic.clone()).or_default();
         account.received += 1;
         if let Some((sequence, source_ns)) = attachment.and_then(rmw::read_attachment) {
@@ -70,7 +74,9 @@ impl View {
         match (topic, type_name) {
             (_, "WrenchStamped") => self.wrench = Some(WrenchStamped::decode(payload)?),
             (_, "PoseStamped") => self.pose = Some(PoseStamped::decode(payload)?),
-            (_, "JointState") => self.width_m = JointState::decode(payload)?.position.first().copied(),
+            (_, "JointState") => {
+                self.width_m = JointState::decode(payload)?.position.first().copied()
+            }
             ("/marks", _) => self.mark = Some(Text::decode(payload)?.data),
             (_, "DiagnosticArray") => self.diagnostics = Some(DiagnosticArray::decode(payload)?),
             _ => {}
@@ -85,7 +91,11 @@ impl View {
         self.render_wrench(&mut screen);
         if let Some(pose) = &self.pose {
             let at = &pose.pose.position;
-            let _ = writeln!(screen, "pose   x {:8.3}  y {:8.3}  z {:8.3} m   ({})", at.x, at.y, at.z, pose.header.frame_id);
+            let _ = writeln!(
+                screen,
+                "pose   x {:8.3}  y {:8.3}  z {:8.3} m   ({})",
+                at.x, at.y, at.z, pose.header.frame_id
+            );
         }
         if let Some(width) = self.width_m {
             let _ = writeln!(screen, "width  {:8.1} mm", width * 1e3);
@@ -93,7 +103,11 @@ impl View {
         if let Some(mark) = &self.mark {
             let _ = writeln!(screen, "mark   {mark}");
         }
-        let _ = writeln!(screen, "\n{:<24}{:>9}{:>10}{:>8}{:>11}", "topic", "rate/Hz", "received", "missed", "age/ms");
+        let _ = writeln!(
+            screen,
+            "\n{:<24}{:>9}{:>10}{:>8}{:>11}",
+            "topic", "rate/Hz", "received", "missed", "age/ms"
+        );
         for (topic, account) in &self.topics {
             let age = now.seconds_since(HostTime::from_nanos(account.last_source_ns)) * 1e3;
             let _ = writeln!(
@@ -106,7 +120,9 @@ impl View {
             let _ = writeln!(screen, "{} messages could not be decoded", self.undecodable);
         }
         for status in self.diagnostics.iter().flat_map(|array| &array.status) {
-            let level = ["ok", "WARN", "ERROR", "STALE"].get(usize::from(status.level)).unwrap_or(&"?");
+            let level = ["ok", "WARN", "ERROR", "STALE"]
+                .get(usize::from(status.level))
+                .unwrap_or(&"?");
             let _ = writeln!(screen, "{level:<6}{}: {}", status.name, status.message);
         }
         screen
@@ -158,7 +174,11 @@ fn bar(fraction: f64) -> String {
     let length = ((fraction.abs() * HALF as f64).round() as usize).min(HALF);
     let (empty, full) = (" ".repeat(HALF - length), "#".repeat(length));
     let rest = " ".repeat(HALF);
-    if fraction < 0.0 { format!("{empty}{full}|{rest}") } else { format!("{rest}|{full}{empty}") }
+    if fraction < 0.0 {
+        format!("{empty}{full}|{rest}")
+    } else {
+        format!("{rest}|{full}{empty}")
+    }
 }
 
 #[cfg(test)]
@@ -182,15 +202,28 @@ mod tests {
         view.take(KEY, &wrench(), Some(&rmw::attachment(4, 6, [0; 16])));
         assert_eq!(view.received("/ft/wrench"), 2);
         let screen = view.render(HostTime::from_nanos(6));
-        assert!(screen.contains("fx   -25.000 N             ##########|"), "{screen}");
-        let line = screen.lines().find(|line| line.starts_with("/ft/wrench")).unwrap();
-        assert_eq!(line.split_whitespace().collect::<Vec<_>>()[2..4], ["2", "2"], "{line}");
+        assert!(
+            screen.contains("fx   -25.000 N             ##########|"),
+            "{screen}"
+        );
+        let line = screen
+            .lines()
+            .find(|line| line.starts_with("/ft/wrench"))
+            .unwrap();
+        assert_eq!(
+            line.split_whitespace().collect::<Vec<_>>()[2..4],
+            ["2", "2"],
+            "{line}"
+        );
     }
 
     #[test]
     fn what_is_no_message_is_counted() {
         let mut view = View::default();
         view.take(KEY, &wrench()[..20], None);
-        assert!(view.render(HostTime::EPOCH).contains("1 messages could not be decoded"));
+        assert!(
+            view.render(HostTime::EPOCH)
+                .contains("1 messages could not be decoded")
+        );
     }
 }

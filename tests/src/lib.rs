@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 /// The checkout's top folder.
 #[must_use]
 pub fn workspace_root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map_or_else(PathBuf::new, Path::to_path_buf)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .map_or_else(PathBuf::new, Path::to_path_buf)
 }
 
 /// A folder of the measured data (`$FT_DATA`, else `../shared/data` beside the checkout), or `None` after printing
@@ -21,6 +23,9 @@ pub fn measured_data(folder: &str, test: &str) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    eprintln!("skipped: {test}: no measured data at {} (set FT_DATA)", path.display());
+    eprintln!(
+        "skipped: {test}: no measured data at {} (set FT_DATA)",
+        path.display()
+    );
     None
 }

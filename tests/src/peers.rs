@@ -17,7 +17,10 @@ pub fn python(test: &str) -> Option<&'static Path> {
     match PYTHON.get_or_init(make_environment) {
         Ok(python) => Some(python),
         Err(why) => {
-            assert!(std::env::var_os("FT_REQUIRE_PEERS").is_none(), "{test}: {why}");
+            assert!(
+                std::env::var_os("FT_REQUIRE_PEERS").is_none(),
+                "{test}: {why}"
+            );
             eprintln!("skipped: {test}: {why}");
             None
         }
@@ -29,7 +32,11 @@ pub fn python(test: &str) -> Option<&'static Path> {
 /// # Panics
 /// The script cannot be started.
 #[must_use]
-pub fn run<A: AsRef<std::ffi::OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Finished> {
+pub fn run<A: AsRef<std::ffi::OsStr>>(
+    test: &str,
+    script: &str,
+    arguments: &[A],
+) -> Option<Finished> {
     let output = command(test, script, arguments)?.output();
     match output {
         Ok(output) => Some(Finished::new(script, &output)),
@@ -39,9 +46,15 @@ pub fn run<A: AsRef<std::ffi::OsStr>>(test: &str, script: &str, arguments: &[A])
 
 /// The command for `tests/peers/<script>`; `None` when there is no Python (one line was printed).
 #[must_use]
-pub fn command<A: AsRef<std::ffi::OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Command> {
+pub fn command<A: AsRef<std::ffi::OsStr>>(
+    test: &str,
+    script: &str,
+    arguments: &[A],
+) -> Option<Command> {
     let mut command = Command::new(python(test)?);
-    command.arg(workspace_root().join("tests/peers").join(script)).args(arguments);
+    command
+        .arg(workspace_root().join("tests/peers").join(script))
+        .args(arguments);
     Some(command)
 }
 
@@ -56,27 +69,53 @@ fn make_environment() -> Result<PathBuf, String> {
     let root = workspace_root();
     let folder = root.join("target/peers");
     let requirements = root.join("tests/peers/requirements.txt");
-    let wanted = std::fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
+    let wanted = std::fs::read_to_string(&requirements)
+        .map_err(|error| format!("{}: {error}", requirements.display()))?;
     let python = folder.join("bin/python");
     let stamp = folder.join("installed.txt");
     std::fs::create_dir_all(root.join("target")).map_err(|error| error.to_string())?;
-    let lock = std::fs::File::create(root.join("target/peers.lock")).map_err(|error| error.to_string())?;
+    let lock =
+        std::fs::File::create(root.join("target/peers.lock")).map_err(|error| error.to_string())?;
     lock.lock().map_err(|error| error.to_string())?;
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(python);
     }
-    eprintln!("installing the Python packages of {} into {}", requirements.display(), folder.display());
-    succeed(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
-    succeed(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
+    eprintln!(
+        "installing the Python packages of {} into {}",
+        requirements.display(),
+        folder.display()
+    );
+    succeed(
+        Command::new("python3")
+            .args(["-m", "venv", "--clear"])
+            .arg(&folder),
+    )?;
+    succeed(
+        Command::new(&python)
+            .args([
+                "-m",
+                "pip",
+                "install",
+                "--quiet",
+                "--disable-pip-version-check",
+                "-r",
+            ])
+            .arg(&requirements),
+    )?;
     std::fs::write(&stamp, wanted).map_err(|error| error.to_string())?;
     Ok(python)
 }
 
 fn succeed(command: &mut Command) -> Result<(), String> {
-    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
+    let output = command
+        .output()
+        .map_err(|error| format!("{command:?}: {error}"))?;
     if output.status.success() {
         return Ok(());
     }
     let said = String::from_utf8_lossy(&output.stderr);
-    Err(format!("{command:?}: {}", said.lines().last().unwrap_or("failed")))
+    Err(format!(
+        "{command:?}: {}",
+        said.lines().last().unwrap_or("failed")
+    ))
 }

@@ -15,15 +15,26 @@ pub fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let mut build = Command::new(env!("CARGO"));
-        build.current_dir(workspace_root()).args(["build", "--quiet", "--locked", "--workspace", "--bins"]);
+        build.current_dir(workspace_root()).args([
+            "build",
+            "--quiet",
+            "--locked",
+            "--workspace",
+            "--bins",
+        ]);
         if !cfg!(debug_assertions) {
             build.arg("--release");
         }
         let status = build.status();
-        assert!(status.is_ok_and(|status| status.success()), "the programs do not build");
+        assert!(
+            status.is_ok_and(|status| status.success()),
+            "the programs do not build"
+        );
         // .../target/<profile>/deps/<test>-<hash>
         let test = std::env::current_exe().unwrap_or_default();
-        test.ancestors().nth(2).map_or_else(PathBuf::new, Path::to_path_buf)
+        test.ancestors()
+            .nth(2)
+            .map_or_else(PathBuf::new, Path::to_path_buf)
     })
 }
 
@@ -31,7 +42,10 @@ pub fn folder() -> &'static Path {
 #[must_use]
 pub fn command<A: AsRef<std::ffi::OsStr>>(name: &str, arguments: &[A], cwd: &Path) -> Command {
     let mut command = Command::new(folder().join(name));
-    command.args(arguments).current_dir(cwd).stdin(Stdio::null());
+    command
+        .args(arguments)
+        .current_dir(cwd)
+        .stdin(Stdio::null());
     command
 }
 
@@ -78,7 +92,14 @@ impl Finished {
     /// It is another one; the message holds what the program said.
     #[track_caller]
     pub fn expect_code(self, code: i32) -> Self {
-        assert_eq!(self.code, Some(code), "{}\nstdout: {}\nstderr: {}", self.name, self.stdout, self.stderr);
+        assert_eq!(
+            self.code,
+            Some(code),
+            "{}\nstdout: {}\nstderr: {}",
+            self.name,
+            self.stdout,
+            self.stderr
+        );
         self
     }
 
@@ -102,7 +123,12 @@ impl Finished {
     #[track_caller]
     pub fn complains(&self, wanted: &[&str]) {
         for text in wanted {
-            assert!(self.stderr.contains(text), "{}: no {text:?} in: {}", self.name, self.stderr);
+            assert!(
+                self.stderr.contains(text),
+                "{}: no {text:?} in: {}",
+                self.name,
+                self.stderr
+            );
         }
     }
 }

@@ -22,86 +22,167 @@ const DEVICE: &str = "[[device]]\nname = \"ft_sensor\"\ndriver = \"bota_serial\"
 #[test]
 fn an_unknown_scenario_is_answered_with_the_known_ones() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &["--sim", "wooden_door"]).expect_code(1).complains(&["wooden_door", "wood_door", "oven_door"]);
+    capture(folder.path(), &["--sim", "wooden_door"])
+        .expect_code(1)
+        .complains(&["wooden_door", "wood_door", "oven_door"]);
 }
 
 #[test]
 fn wrong_arguments_are_refused_with_two() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &["--sim", "--speed", "3"]).expect_code(2).complains(&["max"]);
+    capture(folder.path(), &["--sim", "--speed", "3"])
+        .expect_code(2)
+        .complains(&["max"]);
     capture(folder.path(), &["--speed", "max"]).expect_code(2);
-    capture(folder.path(), &["--sim", "--duration", "soon"]).expect_code(2).complains(&["--duration"]);
+    capture(folder.path(), &["--sim", "--duration", "soon"])
+        .expect_code(2)
+        .complains(&["--duration"]);
     identify(folder.path(), &["table"]).expect_code(2);
 }
 
 #[test]
 fn no_configuration_points_to_the_simulation() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &[]).expect_code(1).complains(&["capture.toml", "--sim"]);
+    capture(folder.path(), &[])
+        .expect_code(1)
+        .complains(&["capture.toml", "--sim"]);
 }
 
 #[test]
 fn an_unknown_key_is_named_with_its_line() {
     let folder = tempdir().unwrap();
-    write(folder.path(), "capture.toml", &format!("{DEVICE}prot = \"/dev/ttyUSB0\"\n"));
-    capture(folder.path(), &[]).expect_code(1).complains(&["capture.toml", "prot", "line 4", "port"]);
-    let settings = format!("{DEVICE}port = \"/dev/ttyUSB0\"\n[device.settings]\nbuad_bps = 460800\n");
+    write(
+        folder.path(),
+        "capture.toml",
+        &format!("{DEVICE}prot = \"/dev/ttyUSB0\"\n"),
+    );
+    capture(folder.path(), &[]).expect_code(1).complains(&[
+        "capture.toml",
+        "prot",
+        "line 4",
+        "port",
+    ]);
+    let settings =
+        format!("{DEVICE}port = \"/dev/ttyUSB0\"\n[device.settings]\nbuad_bps = 460800\n");
     write(folder.path(), "capture.toml", &settings);
-    capture(folder.path(), &[]).expect_code(1).complains(&["ft_sensor", "buad_bps", "baud_bps"]);
+    capture(folder.path(), &[])
+        .expect_code(1)
+        .complains(&["ft_sensor", "buad_bps", "baud_bps"]);
 }
 
 #[test]
 fn a_port_that_is_not_there_is_named() {
     let folder = tempdir().unwrap();
-    write(folder.path(), "capture.toml", &format!("{DEVICE}port = \"/dev/ttyNOTHERE\"\n"));
-    capture(folder.path(), &["-o", "a.mcap"]).expect_code(1).complains(&["ft_sensor", "/dev/ttyNOTHERE", "does not exist"]);
+    write(
+        folder.path(),
+        "capture.toml",
+        &format!("{DEVICE}port = \"/dev/ttyNOTHERE\"\n"),
+    );
+    capture(folder.path(), &["-o", "a.mcap"])
+        .expect_code(1)
+        .complains(&["ft_sensor", "/dev/ttyNOTHERE", "does not exist"]);
     assert!(!folder.path().join("a.mcap.partial").exists());
 }
 
 #[test]
 fn a_folder_that_is_not_there_is_named() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &["--sim", "--speed", "max", "-o", "nowhere/a.mcap"])
-        .expect_code(1)
-        .complains(&["nowhere/a.mcap"]);
+    capture(
+        folder.path(),
+        &["--sim", "--speed", "max", "-o", "nowhere/a.mcap"],
+    )
+    .expect_code(1)
+    .complains(&["nowhere/a.mcap"]);
 }
 
 #[test]
-fn a_full_disk_keeps_what_was_written() {
+fn a_full_disk_ends_with_a_reason_and_keeps_what_was_written() {
     let folder = tempdir().unwrap();
-    // /dev/full refuses every write, as a full disk does.
-    std::os::unix::fs::symlink("/dev/full", folder.path().join("a.mcap.partial")).unwrap();
-    let finished = capture(folder.path(), &["--sim", "--speed", "max", "--duration", "2s", "-o", "a.mcap", "--force"]);
-    finished.expect_code(1).complains(&["a.mcap"]);
+    // A limit on the file's size answers a write as a full disk does: with an error, not with a signal.
+    let script = "trap '' XFSZ; ulimit -f 1500; exec \"$0\" --sim --speed max -o a.mcap";
+    let output = std::process::Command::new("bash")
+        .args(["-c", script])
+        .arg(programs::folder().join("ft-capture"))
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let finished = programs::Finished::new("ft-capture", &output).expect_code(1);
+    finished.complains(&["a.mcap.partial", "no space", "recover"]);
+    let recovered = capture(folder.path(), &["recover", "a.mcap.partial", "--json"])
+        .expect_code(3)
+        .json();
+    let wrenches = recovered["topics"]["/ft/wrench"]["messages"]
+        .as_u64()
+        .unwrap();
+    assert!(wrenches > 1000, "{recovered}");
 }
 
 #[test]
 fn a_foreign_file_is_named() {
     let folder = tempdir().unwrap();
     write(folder.path(), "notes.mcap", "these are notes");
-    capture(folder.path(), &["check", "notes.mcap"]).expect_code(1).complains(&["notes.mcap", "MCAP"]);
-    identify(folder.path(), &["notes.mcap", "-o", "out"]).expect_code(1).complains(&["notes.mcap", "MCAP"]);
-    identify(folder.path(), &["nothing.mcap", "-o", "out"]).expect_code(1).complains(&["nothing.mcap"]);
+    capture(folder.path(), &["check", "notes.mcap"])
+        .expect_code(1)
+        .complains(&["notes.mcap", "MCAP"]);
+    identify(folder.path(), &["notes.mcap", "-o", "out"])
+        .expect_code(1)
+        .complains(&["notes.mcap", "MCAP"]);
+    identify(folder.path(), &["nothing.mcap", "-o", "out"])
+        .expect_code(1)
+        .complains(&["nothing.mcap"]);
 }
 
 #[test]
 fn a_truncated_recording_is_read_to_its_end_and_recovered() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &["--sim", "--speed", "max", "--duration", "10s", "-o", "a.mcap"]).expect_code(0);
+    capture(
+        folder.path(),
+        &[
+            "--sim",
+            "--speed",
+            "max",
+            "--duration",
+            "10s",
+            "-o",
+            "a.mcap",
+        ],
+    )
+    .expect_code(0);
     let bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
     std::fs::write(folder.path().join("cut.mcap"), &bytes[..bytes.len() / 2]).unwrap();
     capture(folder.path(), &["check", "cut.mcap"]).expect_code(3);
-    capture(folder.path(), &["recover", "cut.mcap"]).expect_code(1).complains(&["-o"]);
+    capture(folder.path(), &["recover", "cut.mcap"])
+        .expect_code(1)
+        .complains(&["-o"]);
     capture(folder.path(), &["recover", "cut.mcap", "-o", "saved.mcap"]).expect_code(3);
-    capture(folder.path(), &["recover", "cut.mcap", "-o", "saved.mcap"]).expect_code(1).complains(&["saved.mcap"]);
-    assert_eq!(std::fs::read(folder.path().join("cut.mcap")).unwrap().len(), bytes.len() / 2);
+    capture(folder.path(), &["recover", "cut.mcap", "-o", "saved.mcap"])
+        .expect_code(1)
+        .complains(&["saved.mcap"]);
+    assert_eq!(
+        std::fs::read(folder.path().join("cut.mcap")).unwrap().len(),
+        bytes.len() / 2
+    );
 }
 
 #[test]
 fn a_recording_that_ends_before_the_grasp_is_no_recording_of_a_joint() {
     let folder = tempdir().unwrap();
-    capture(folder.path(), &["--sim", "--speed", "max", "--duration", "5s", "-o", "a.mcap"]).expect_code(0);
-    identify(folder.path(), &["a.mcap", "-o", "out"]).expect_code(1).complains(&["a.mcap"]);
+    capture(
+        folder.path(),
+        &[
+            "--sim",
+            "--speed",
+            "max",
+            "--duration",
+            "5s",
+            "-o",
+            "a.mcap",
+        ],
+    )
+    .expect_code(0);
+    identify(folder.path(), &["a.mcap", "-o", "out"])
+        .expect_code(1)
+        .complains(&["a.mcap"]);
 }
 
 #[test]
@@ -109,8 +190,20 @@ fn tables_with_mistakes_are_named_by_row_and_column() {
     let folder = tempdir().unwrap();
     let table = |text: &str| {
         write(folder.path(), "t.csv", text);
-        let arguments =
-            ["table", "t.csv", "--time", "t", "--position", "q", "--effort", "f", "--kind", "prismatic", "-o", "out"];
+        let arguments = [
+            "table",
+            "t.csv",
+            "--time",
+            "t",
+            "--position",
+            "q",
+            "--effort",
+            "f",
+            "--kind",
+            "prismatic",
+            "-o",
+            "out",
+        ];
         identify(folder.path(), &arguments).expect_code(1)
     };
     table("t,q\n0,0\n").complains(&["t.csv", "\"f\"", "t, q"]);

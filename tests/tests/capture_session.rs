@@ -2,13 +2,23 @@
 
 use std::path::Path;
 
-use ft_recording::recording::Recording;
 use ft_recording::TopicMap;
+use ft_recording::recording::Recording;
 use ft_tests::{peers, programs};
 use tempfile::tempdir;
 
 fn record(folder: &Path, name: &str, extra: &[&str]) -> programs::Finished {
-    let mut arguments = vec!["--sim", name, "--speed", "max", "--duration", "12s", "-o", "a.mcap", "--json"];
+    let mut arguments = vec![
+        "--sim",
+        name,
+        "--speed",
+        "max",
+        "--duration",
+        "12s",
+        "-o",
+        "a.mcap",
+        "--json",
+    ];
     arguments.extend(extra);
     programs::run("ft-capture", &arguments, folder)
 }
@@ -28,8 +38,15 @@ fn every_built_in_scenario_records_without_a_loss() {
         let finished = record(folder.path(), name, &[]).expect_code(0);
         let summary = finished.json();
         let streams = summary["streams"].as_array().unwrap();
-        assert!(streams.iter().all(|stream| stream["gaps"] == 0 && stream["refused"] == 0), "{name}: {summary}");
-        assert!(folder.path().join("a.mcap").exists() && !folder.path().join("a.mcap.partial").exists());
+        assert!(
+            streams
+                .iter()
+                .all(|stream| stream["gaps"] == 0 && stream["refused"] == 0),
+            "{name}: {summary}"
+        );
+        assert!(
+            folder.path().join("a.mcap").exists() && !folder.path().join("a.mcap.partial").exists()
+        );
         assert!(folder.path().join("a.truth.json").exists());
     }
 }
@@ -50,8 +67,13 @@ fn one_seed_is_one_file_and_another_seed_another() {
 fn an_existing_recording_is_kept_unless_forced() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("a.mcap"), "precious").unwrap();
-    record(folder.path(), "wood_door", &[]).expect_code(1).complains(&["a.mcap", "exists", "--force"]);
-    assert_eq!(std::fs::read(folder.path().join("a.mcap")).unwrap(), b"precious");
+    record(folder.path(), "wood_door", &[])
+        .expect_code(1)
+        .complains(&["a.mcap", "exists", "--force"]);
+    assert_eq!(
+        std::fs::read(folder.path().join("a.mcap")).unwrap(),
+        b"precious"
+    );
     record(folder.path(), "wood_door", &["--force"]).expect_code(0);
 }
 
@@ -61,13 +83,26 @@ fn other_peoples_tools_read_the_recording() {
     let folder = tempdir().unwrap();
     record(folder.path(), "wood_door", &[]).expect_code(0);
     let file = folder.path().join("a.mcap");
-    let Some(finished) = peers::run(test, "read_recording.py", &[&file]) else { return };
+    let Some(finished) = peers::run(test, "read_recording.py", &[&file]) else {
+        return;
+    };
     let counts = finished.expect_code(0).json();
     for reader in ["rosbags", "mcap_ros2"] {
-        assert!(counts[reader]["/ft/wrench"].as_u64().is_some_and(|count| count > 9000), "{reader}: {counts}");
+        assert!(
+            counts[reader]["/ft/wrench"]
+                .as_u64()
+                .is_some_and(|count| count > 9000),
+            "{reader}: {counts}"
+        );
     }
-    let Some(bin) = peers::programs(test) else { return };
-    let rerun = std::process::Command::new(bin.join("rerun")).args(["mcap", "check"]).arg(&file).output().unwrap();
+    let Some(bin) = peers::programs(test) else {
+        return;
+    };
+    let rerun = std::process::Command::new(bin.join("rerun"))
+        .args(["mcap", "check"])
+        .arg(&file)
+        .output()
+        .unwrap();
     let said = String::from_utf8_lossy(&rerun.stderr);
     assert!(rerun.status.success(), "{said}");
 }
@@ -79,11 +114,21 @@ fn a_recording_replays_through_the_drivers_to_the_same_samples() {
         record(folder.path(), scenario, &["--force"]).expect_code(0);
         let arguments = ["replay", "a.mcap", "-o", "b.mcap", "--force"];
         programs::run("ft-capture", &arguments, folder.path()).expect_code(0);
-        let load = |name: &str| Recording::load(&folder.path().join(name), &TopicMap::default()).unwrap();
+        let load =
+            |name: &str| Recording::load(&folder.path().join(name), &TopicMap::default()).unwrap();
         let (before, after) = (load("a.mcap"), load("b.mcap"));
         assert!(before.wrench.len() > 5000, "{scenario}");
-        assert!(before.wrench == after.wrench, "{scenario}: the wrenches differ");
-        assert!(before.pose.samples == after.pose.samples, "{scenario}: the poses differ");
-        assert!(before.gripper_width == after.gripper_width, "{scenario}: the widths differ");
+        assert!(
+            before.wrench == after.wrench,
+            "{scenario}: the wrenches differ"
+        );
+        assert!(
+            before.pose.samples == after.pose.samples,
+            "{scenario}: the poses differ"
+        );
+        assert!(
+            before.gripper_width == after.gripper_width,
+            "{scenario}: the widths differ"
+        );
     }
 }

@@ -10,13 +10,27 @@ fn assert_nothing_lost(summary: &Value, rates: &[(&str, f64)]) {
     let streams = summary["streams"].as_array().unwrap();
     assert_eq!(streams.len(), rates.len(), "{summary}");
     for (name, rate) in rates {
-        let stream = streams.iter().find(|stream| stream["name"] == *name).unwrap();
-        for count in ["gaps", "drops", "refused", "duplicated", "invalid", "interruptions", "view_drops"] {
+        let stream = streams
+            .iter()
+            .find(|stream| stream["name"] == *name)
+            .unwrap();
+        for count in [
+            "gaps",
+            "drops",
+            "refused",
+            "duplicated",
+            "invalid",
+            "interruptions",
+            "view_drops",
+        ] {
             assert_eq!(stream[count], 0, "{name}: {count}: {summary}");
         }
         assert_eq!(stream["state"], "streaming", "{name}");
         let seen = stream["rate_hz"].as_f64().unwrap();
-        assert!((seen / rate - 1.0).abs() < 0.05, "{name}: {seen} Hz, wanted {rate}");
+        assert!(
+            (seen / rate - 1.0).abs() < 0.05,
+            "{name}: {seen} Hz, wanted {rate}"
+        );
     }
 }
 
@@ -25,23 +39,47 @@ fn a_real_time_session_reaches_a_ros_2_subscriber_and_loses_nothing() {
     let test = "a_real_time_session_reaches_a_ros_2_subscriber_and_loses_nothing";
     let folder = tempdir().unwrap();
     let endpoint = "tcp/127.0.0.1:17447";
-    let arguments =
-        ["--sim", "wood_door", "--speed", "1", "--duration", "20s", "-o", "live.mcap", "--json", "--listen", endpoint];
+    let arguments = [
+        "--sim",
+        "wood_door",
+        "--speed",
+        "1",
+        "--duration",
+        "20s",
+        "-o",
+        "live.mcap",
+        "--json",
+        "--listen",
+        endpoint,
+    ];
     let mut capture = programs::command("ft-capture", &arguments, folder.path());
-    let capture = capture.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let capture = capture
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
     // The first seconds are set-up; the subscriber asks until it is connected.
     let subscriber = peers::command(test, "live_wrench.py", &[endpoint, "8"]).map(|mut command| {
         wait(3000);
         command.output().unwrap()
     });
-    let finished = programs::Finished::new("ft-capture", &capture.wait_with_output().unwrap()).expect_code(0);
-    assert_nothing_lost(&finished.json(), &[("ft_sensor", 800.0), ("gripper", 50.0), ("aria", 1000.0)]);
+    let finished =
+        programs::Finished::new("ft-capture", &capture.wait_with_output().unwrap()).expect_code(0);
+    assert_nothing_lost(
+        &finished.json(),
+        &[("ft_sensor", 800.0), ("gripper", 50.0), ("aria", 1000.0)],
+    );
     if let Some(output) = subscriber {
-        let heard = programs::Finished::new("live_wrench.py", &output).expect_code(0).json();
+        let heard = programs::Finished::new("live_wrench.py", &output)
+            .expect_code(0)
+            .json();
         assert_eq!(heard["missed"], 0, "{heard}");
         assert_eq!(heard["frame_ids"][0], "ft_sensor", "{heard}");
         assert!(heard["received"].as_u64().unwrap() > 6000, "{heard}");
-        assert_eq!(heard["topics"]["/ft/wrench"], "geometry_msgs::msg::dds_::WrenchStamped_", "{heard}");
+        assert_eq!(
+            heard["topics"]["/ft/wrench"], "geometry_msgs::msg::dds_::WrenchStamped_",
+            "{heard}"
+        );
     }
 }
 

@@ -39,12 +39,17 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     match watch(&arguments) {
         Ok(0) => {
-            eprintln!("ft-view: nothing was published at {} in domain {}", arguments.connect, arguments.domain);
+            eprintln!(
+                "ft-view: nothing was published at {} in domain {}",
+                arguments.connect, arguments.domain
+            );
             ExitCode::FAILURE
         }
         Ok(_) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("ft-view: {error}\nIs ft-capture running there, and does it listen (--listen) on that address?");
+            eprintln!(
+                "ft-view: {error}\nIs ft-capture running there, and does it listen (--listen) on that address?"
+            );
             ExitCode::FAILURE
         }
     }
@@ -75,12 +80,21 @@ fn watch(arguments: &Arguments) -> Result<u64, Box<dyn std::error::Error>> {
     let redraw = !arguments.plain && std::io::stdout().is_terminal();
     while !stop.load(Ordering::Relaxed) {
         let now = clock.now();
-        if arguments.duration.is_some_and(|duration| now.saturating_since(start) >= duration) {
+        if arguments
+            .duration
+            .is_some_and(|duration| now.saturating_since(start) >= duration)
+        {
             break;
         }
         while let Ok(sample) = samples.recv_timeout(Duration::from_millis(20)) {
-            let attachment = sample.attachment().map(|bytes| bytes.to_bytes().into_owned());
-            view.take(sample.key_expr().as_str(), &sample.payload().to_bytes(), attachment.as_deref());
+            let attachment = sample
+                .attachment()
+                .map(|bytes| bytes.to_bytes().into_owned());
+            view.take(
+                sample.key_expr().as_str(),
+                &sample.payload().to_bytes(),
+                attachment.as_deref(),
+            );
             if samples.is_empty() {
                 break;
             }

@@ -57,10 +57,16 @@ impl Control {
                 .declare_queryable(format!("ft_capture/{id}/{name}"))
                 .callback(move |query| answer(&query, name, &sender))
                 .wait()
-                .map_err(|error| SinkError::Zenoh { what: "declaring a command", why: error.to_string() })?;
+                .map_err(|error| SinkError::Zenoh {
+                    what: "declaring a command",
+                    why: error.to_string(),
+                })?;
             queryables.push(queryable);
         }
-        Ok(Self { requests, _queryables: queryables })
+        Ok(Self {
+            requests,
+            _queryables: queryables,
+        })
     }
 
     /// The next request, if there is one.
@@ -72,13 +78,17 @@ impl Control {
 
 /// Runs in a thread of Zenoh's: hands the command over and waits for the answer.
 fn answer(query: &Query, name: &str, sender: &Sender<Request>) {
-    let text = query.payload().and_then(|payload| payload.try_to_string().ok().map(|text| text.into_owned()));
+    let text = query
+        .payload()
+        .and_then(|payload| payload.try_to_string().ok().map(|text| text.into_owned()));
     let reply = match parse(name, text) {
         Ok(command) => ask(command, sender),
         Err(error) => json!({"ok": false, "error": error}),
     };
     // The asker may be gone: then there is nobody to tell.
-    let _ = query.reply(query.key_expr().clone(), reply.to_string()).wait();
+    let _ = query
+        .reply(query.key_expr().clone(), reply.to_string())
+        .wait();
 }
 
 fn parse(name: &str, text: Option<String>) -> Result<Command, String> {
@@ -87,9 +97,10 @@ fn parse(name: &str, text: Option<String>) -> Result<Command, String> {
         "tare" => Ok(Command::Tare),
         "stop" => Ok(Command::Stop),
         _ => match text {
-            Some(text) if text.is_empty() || text.len() > LONGEST_MARK => {
-                Err(format!("the mark has {} bytes: 1 to {LONGEST_MARK}", text.len()))
-            }
+            Some(text) if text.is_empty() || text.len() > LONGEST_MARK => Err(format!(
+                "the mark has {} bytes: 1 to {LONGEST_MARK}",
+                text.len()
+            )),
             Some(text) => Ok(Command::Mark(text)),
             None => Err("send the mark's text as the query's payload".to_owned()),
         },
@@ -101,9 +112,9 @@ fn ask(command: Command, sender: &Sender<Request>) -> Value {
     if sender.try_send(Request { command, answer }).is_err() {
         return json!({"ok": false, "error": "busy or ending: try again"});
     }
-    answered
-        .recv_timeout(ANSWER_WITHIN)
-        .unwrap_or_else(|_| json!({"ok": false, "error": "no answer within 2 s: the service is ending"}))
+    answered.recv_timeout(ANSWER_WITHIN).unwrap_or_else(
+        |_| json!({"ok": false, "error": "no answer within 2 s: the service is ending"}),
+    )
 }
 
 #[cfg(test)]
@@ -112,7 +123,10 @@ mod tests {
 
     #[test]
     fn a_mark_needs_its_text() {
-        assert_eq!(parse("mark", Some("grasp".to_owned())), Ok(Command::Mark("grasp".to_owned())));
+        assert_eq!(
+            parse("mark", Some("grasp".to_owned())),
+            Ok(Command::Mark("grasp".to_owned()))
+        );
         assert!(parse("mark", None).is_err());
         assert!(parse("mark", Some(String::new())).is_err());
         assert!(parse("mark", Some("x".repeat(LONGEST_MARK + 1))).is_err());

@@ -33,24 +33,37 @@ pub struct LinkThread<I> {
 
 impl<I: Intake> LinkThread<I> {
     /// Runs until the stop flag is set; `reopen` makes a new pump after the link was lost.
-    pub fn run<D, L>(mut self, mut pump: Pump<D, L>, mut reopen: impl FnMut() -> Result<Pump<D, L>, LinkError>)
-    where
+    pub fn run<D, L>(
+        mut self,
+        mut pump: Pump<D, L>,
+        mut reopen: impl FnMut() -> Result<Pump<D, L>, LinkError>,
+    ) where
         D: Device<Reading = Reading> + Counted,
         D::Frame: RawFrame,
         L: Link<Frame = D::Frame>,
     {
         let mut before = Counts::default();
         loop {
-            let Err(error) = self.turn_until_stopped(&mut pump, before) else { return };
+            let Err(error) = self.turn_until_stopped(&mut pump, before) else {
+                return;
+            };
             before = before + pump.counts();
-            self.report(DeviceEvent::Lost { reason: error.to_string() });
-            let Some(reopened) = self.reopen_until_stopped(&mut reopen) else { return };
+            self.report(DeviceEvent::Lost {
+                reason: error.to_string(),
+            });
+            let Some(reopened) = self.reopen_until_stopped(&mut reopen) else {
+                return;
+            };
             pump = reopened;
             self.channel.restart_clock();
         }
     }
 
-    fn turn_until_stopped<D, L>(&mut self, pump: &mut Pump<D, L>, before: Counts) -> Result<(), LinkError>
+    fn turn_until_stopped<D, L>(
+        &mut self,
+        pump: &mut Pump<D, L>,
+        before: Counts,
+    ) -> Result<(), LinkError>
     where
         D: Device<Reading = Reading> + Counted,
         D::Frame: RawFrame,
@@ -64,7 +77,10 @@ impl<I: Intake> LinkThread<I> {
         Ok(())
     }
 
-    fn reopen_until_stopped<P>(&mut self, reopen: &mut impl FnMut() -> Result<P, LinkError>) -> Option<P> {
+    fn reopen_until_stopped<P>(
+        &mut self,
+        reopen: &mut impl FnMut() -> Result<P, LinkError>,
+    ) -> Option<P> {
         let mut back_off = BACK_OFF.0;
         loop {
             let until = self.clock.now() + back_off;

@@ -61,15 +61,32 @@ pub fn run(
 ) -> Result<Summary, SessionError> {
     let start = clock.now();
     let (queues, ends) = queues(plan.record.is_some(), plan.publish);
-    let counters: Vec<_> = plan.config.devices.iter().map(|_| Arc::new(StreamCounters::default())).collect();
+    let counters: Vec<_> = plan
+        .config
+        .devices
+        .iter()
+        .map(|_| Arc::new(StreamCounters::default()))
+        .collect();
     let health = health(plan, &counters);
     let stop = Arc::new(AtomicBool::new(false));
 
-    let network = plan.publish.then(|| Network::start(plan, clock, ends.publisher, surroundings)).transpose()?;
+    let network = plan
+        .publish
+        .then(|| Network::start(plan, clock, ends.publisher, surroundings))
+        .transpose()?;
     let recorder = match (&plan.record, ends.writer) {
         (Some(path), Some(items)) => {
-            let sink = McapSink::create(path, &plan.writer_options(), &plan.preamble(start, "monotonic, anchored once")?)?;
-            Some(Recorder::start(sink, items, clock, Duration::from_millis(plan.config.recording.sync_period_ms))?)
+            let sink = McapSink::create(
+                path,
+                &plan.writer_options(),
+                &plan.preamble(start, "monotonic, anchored once")?,
+            )?;
+            Some(Recorder::start(
+                sink,
+                items,
+                clock,
+                Duration::from_millis(plan.config.recording.sync_period_ms),
+            )?)
         }
         _ => None,
     };
@@ -98,14 +115,25 @@ pub fn run(
         link.join().map_err(|_| SessionError::Panicked("link"))?;
     }
     operator.take_health(surroundings);
-    let Operator { health, own, queues, .. } = operator;
+    let Operator {
+        health,
+        own,
+        queues,
+        ..
+    } = operator;
     drop(queues);
     let end = clock.now();
-    let finished = recorder.map(|recorder| recorder.finish(&ledger_metadata(&health))).transpose()?;
+    let finished = recorder
+        .map(|recorder| recorder.finish(&ledger_metadata(&health)))
+        .transpose()?;
     if let Some(network) = network {
         network.finish()?;
     }
-    let file = finished.map(|done| FileSummary { path: done.path, bytes: done.bytes, messages: done.messages });
+    let file = finished.map(|done| FileSummary {
+        path: done.path,
+        bytes: done.bytes,
+        messages: done.messages,
+    });
     Ok(summarize(&health, own.snapshot(), start, end, file))
 }
 
@@ -127,7 +155,14 @@ fn open_links(
     stop: &Arc<AtomicBool>,
 ) -> Result<Vec<JoinHandle<()>>, SessionError> {
     let mut threads = Vec::new();
-    for (index, ((device, connection), counters)) in plan.config.devices.iter().zip(connections).zip(counters).enumerate() {
+    for (index, ((device, connection), counters)) in plan
+        .config
+        .devices
+        .iter()
+        .zip(connections)
+        .zip(counters)
+        .enumerate()
+    {
         let link_delay = Duration::from_secs_f64(device.latency_us * 1e-6);
         let thread = LinkThread {
             clock,
@@ -193,7 +228,15 @@ impl Operator {
     }
 
     fn put(&mut self, at: HostTime, body: Body) {
-        self.queues.put(Item { device: None, arrival: at, sample_time: at, body }, &self.own);
+        self.queues.put(
+            Item {
+                device: None,
+                arrival: at,
+                sample_time: at,
+                body,
+            },
+            &self.own,
+        );
     }
 
     fn take_health(&mut self, surroundings: &mut impl Surroundings) {
@@ -245,24 +288,41 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn start(mut sink: McapSink, items: Receiver<Item>, clock: MonotonicClock, sync_period: Duration) -> Result<Self, SessionError> {
+    fn start(
+        mut sink: McapSink,
+        items: Receiver<Item>,
+        clock: MonotonicClock,
+        sync_period: Duration,
+    ) -> Result<Self, SessionError> {
         let file = sink.sync_handle()?;
         let bytes = Arc::new(AtomicU64::new(0));
         let shown = Arc::clone(&bytes);
         let (end_sync, ended) = bounded(1);
-        let syncer = spawn("ft-sync", move || sync_until_ended(&file, &ended, sync_period))?;
+        let syncer = spawn("ft-sync", move || {
+            sync_until_ended(&file, &ended, sync_period)
+        })?;
         let thread = spawn("ft-writer", move || {
             let result = write_until_closed(&mut sink, &items, clock, &shown);
             (sink, result)
         })?;
-        Ok(Self { thread, syncer, end_sync, bytes })
+        Ok(Self {
+            thread,
+            syncer,
+            end_sync,
+            bytes,
+        })
     }
 
     /// Waits for the queue to run empty, writes the ledger and the index.
     fn finish(self, ledger: &BTreeMap<String, String>) -> Result<Finished, SessionError> {
-        let (sink, result) = self.thread.join().map_err(|_| SessionError::Panicked("writer"))?;
+        let (sink, result) = self
+            .thread
+            .join()
+            .map_err(|_| SessionError::Panicked("writer"))?;
         let _ = self.end_sync.try_send(());
-        self.syncer.join().map_err(|_| SessionError::Panicked("sync"))?;
+        self.syncer
+            .join()
+            .map_err(|_| SessionError::Panicked("sync"))?;
         result?;
         Ok(sink.finish(ledger)?)
     }
@@ -292,7 +352,11 @@ fn write_until_closed(
             Err(RecvTimeoutError::Disconnected) => true,
         };
         let now = clock.now();
-        while let Some(item) = if closed { merge.pop_any() } else { merge.pop_due(now) } {
+        while let Some(item) = if closed {
+            merge.pop_any()
+        } else {
+            merge.pop_due(now)
+        } {
             sink.take(&item)?;
         }
         sink.tick(now)?;
@@ -330,16 +394,30 @@ impl Network {
         let settings = &plan.config.network;
         let transforms = static_transforms(&plan.config.frames, clock.now());
         let node = format!("ft_capture_{}", plan.config.id.replace('-', "_"));
-        let sink = ZenohSink::declare(&opened.session, &node, settings.domain_id, settings.profile, &transforms)?;
+        let sink = ZenohSink::declare(
+            &opened.session,
+            &node,
+            settings.domain_id,
+            settings.profile,
+            &transforms,
+        )?;
         let control = Control::declare(&opened.session, &plan.config.id)?;
         let items = items.unwrap_or_else(crossbeam_channel::never);
-        let publisher = spawn("ft-publisher", move || publish_until_closed(sink, &items, clock))?;
-        Ok(Self { session: opened.session, control, publisher })
+        let publisher = spawn("ft-publisher", move || {
+            publish_until_closed(sink, &items, clock)
+        })?;
+        Ok(Self {
+            session: opened.session,
+            control,
+            publisher,
+        })
     }
 
     fn finish(self) -> Result<(), SessionError> {
         use zenoh::Wait;
-        self.publisher.join().map_err(|_| SessionError::Panicked("publisher"))??;
+        self.publisher
+            .join()
+            .map_err(|_| SessionError::Panicked("publisher"))??;
         drop(self.control);
         // Closing only tells the others; a failure leaves nothing behind here.
         let _ = self.session.close().wait();
@@ -347,7 +425,11 @@ impl Network {
     }
 }
 
-fn publish_until_closed(mut sink: ZenohSink, items: &Receiver<Item>, clock: MonotonicClock) -> Result<(), crate::sink::SinkError> {
+fn publish_until_closed(
+    mut sink: ZenohSink,
+    items: &Receiver<Item>,
+    clock: MonotonicClock,
+) -> Result<(), crate::sink::SinkError> {
     loop {
         match items.recv_timeout(SINK_PERIOD) {
             Ok(item) => sink.take(&item)?,
@@ -358,7 +440,12 @@ fn publish_until_closed(mut sink: ZenohSink, items: &Receiver<Item>, clock: Mono
     }
 }
 
-fn spawn<T: Send + 'static>(name: &str, work: impl FnOnce() -> T + Send + 'static) -> Result<JoinHandle<T>, SessionError> {
-    std::thread::Builder::new().name(name.to_owned()).spawn(work).map_err(SessionError::Thread)
+fn spawn<T: Send + 'static>(
+    name: &str,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<JoinHandle<T>, SessionError> {
+    std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(work)
+        .map_err(SessionError::Thread)
 }
-

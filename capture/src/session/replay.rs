@@ -28,10 +28,25 @@ use crate::summary::Summary;
 /// # Errors
 /// `file` cannot be read or has no raw frames or no configuration; `out` exists or cannot be written.
 pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, SessionError> {
-    let Source { config, start, first_samples } = Source::read(file)?;
-    let plan = Plan { config, record: Some(out.to_owned()), overwrite, duration: None, publish: false };
+    let Source {
+        config,
+        start,
+        first_samples,
+    } = Source::read(file)?;
+    let plan = Plan {
+        config,
+        record: Some(out.to_owned()),
+        overwrite,
+        duration: None,
+        publish: false,
+    };
     let buffer = Buffer::default();
-    let counters: Vec<_> = plan.config.devices.iter().map(|_| Arc::new(StreamCounters::default())).collect();
+    let counters: Vec<_> = plan
+        .config
+        .devices
+        .iter()
+        .map(|_| Arc::new(StreamCounters::default()))
+        .collect();
     let mut feeds = Vec::new();
     let mut links = Vec::new();
     for (index, (device, counters)) in plan.config.devices.iter().zip(&counters).enumerate() {
@@ -64,7 +79,10 @@ struct FedLink<F> {
 
 impl<F> FedLink<F> {
     fn new(feed: &Feed) -> Self {
-        Self { feed: Rc::clone(feed), frames: std::marker::PhantomData }
+        Self {
+            feed: Rc::clone(feed),
+            frames: std::marker::PhantomData,
+        }
     }
 }
 
@@ -72,7 +90,9 @@ impl<F: RawFrame> Link for FedLink<F> {
     type Frame = F;
 
     fn recv(&mut self, _deadline: HostTime) -> Result<Option<(F, RxStamps)>, LinkError> {
-        let Some((bytes, arrival)) = self.feed.borrow_mut().pop_front() else { return Ok(None) };
+        let Some((bytes, arrival)) = self.feed.borrow_mut().pop_front() else {
+            return Ok(None);
+        };
         Ok(F::from_raw(&bytes).map(|frame| (frame, RxStamps { arrival })))
     }
 
@@ -104,7 +124,11 @@ fn feed_all(
                 let now = HostTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
                 let topic = topics.get(&message.channel_id).map_or("", String::as_str);
                 let name = topic.strip_prefix("/raw/");
-                let found = config.devices.iter().zip(feeds).find(|(device, _)| Some(device.name.as_str()) == name);
+                let found = config
+                    .devices
+                    .iter()
+                    .zip(feeds)
+                    .find(|(device, _)| Some(device.name.as_str()) == name);
                 if let Some((device, feed)) = found {
                     let first = first_samples.get(device.driver.topic());
                     if first.is_some_and(|first| now + LEAD >= *first) {
@@ -134,16 +158,23 @@ struct Source {
 
 impl Source {
     fn read(file: &Path) -> Result<Self, SessionError> {
-        let not = |what| SessionError::NotReplayable { path: file.display().to_string(), what };
+        let not = |what| SessionError::NotReplayable {
+            path: file.display().to_string(),
+            what,
+        };
         let mut reader = RecordReader::open(file)?;
         let (mut session, mut topics, mut first_samples) = (None, BTreeMap::new(), BTreeMap::new());
         while let Some(record) = reader.next_record()? {
             match record {
-                Record::Metadata { name, entries } if name == "ft.session" => session = Some(entries),
+                Record::Metadata { name, entries } if name == "ft.session" => {
+                    session = Some(entries)
+                }
                 Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
                 Record::Message(message) => {
                     if let Some(topic) = topics.remove(&message.channel_id) {
-                        let at = HostTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
+                        let at = HostTime::from_nanos(
+                            i64::try_from(message.log_time).unwrap_or(i64::MAX),
+                        );
                         first_samples.entry(topic).or_insert(at);
                     }
                 }
@@ -151,13 +182,19 @@ impl Source {
             }
         }
         if !first_samples.keys().any(|topic| topic.starts_with("/raw/")) {
-            return Err(not("there is no /raw/<device> topic: only recordings of ft-capture hold the raw frames"));
+            return Err(not(
+                "there is no /raw/<device> topic: only recordings of ft-capture hold the raw frames",
+            ));
         }
         let text = session
             .and_then(|mut entries| entries.remove("config"))
             .ok_or_else(|| not("the metadata ft.session with the configuration is missing: the drivers are unknown"))?;
         let config = Config::from_toml(&text, file)?;
         let start = first_samples.values().min().copied().unwrap_or_default();
-        Ok(Self { config, start, first_samples })
+        Ok(Self {
+            config,
+            start,
+            first_samples,
+        })
     }
 }

@@ -53,14 +53,18 @@ impl Stepping {
     /// The recording cannot be created.
     pub fn begin(
         plan: &Plan,
-            links: Vec<Box<dyn SteppedLink>>,
+        links: Vec<Box<dyn SteppedLink>>,
         counters: &[Arc<StreamCounters>],
         buffer: Buffer,
         start: HostTime,
         clock_name: &str,
     ) -> Result<Self, SessionError> {
         let sink = match &plan.record {
-            Some(path) => Some(McapSink::create(path, &plan.writer_options(), &plan.preamble(start, clock_name)?)?),
+            Some(path) => Some(McapSink::create(
+                path,
+                &plan.writer_options(),
+                &plan.preamble(start, clock_name)?,
+            )?),
             None => None,
         };
         Ok(Self {
@@ -111,7 +115,12 @@ impl Stepping {
 
     /// Takes what no device said.
     pub fn own(&mut self, at: HostTime, body: Body) {
-        self.merge.push(Item { device: None, arrival: at, sample_time: at, body });
+        self.merge.push(Item {
+            device: None,
+            arrival: at,
+            sample_time: at,
+            body,
+        });
     }
 
     /// Finishes the recording.
@@ -125,7 +134,11 @@ impl Stepping {
                 sink.take(&item)?;
             }
             let done = sink.finish(&ledger_metadata(&self.health))?;
-            file = Some(FileSummary { path: done.path, bytes: done.bytes, messages: done.messages });
+            file = Some(FileSummary {
+                path: done.path,
+                bytes: done.bytes,
+                messages: done.messages,
+            });
         }
         let own = StreamCounters::default().snapshot();
         Ok(summarize(&self.health, own, self.start, self.now, file))
@@ -134,6 +147,9 @@ impl Stepping {
 
 impl std::fmt::Debug for Stepping {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Stepping").field("now", &self.now).field("devices", &self.links.len()).finish_non_exhaustive()
+        f.debug_struct("Stepping")
+            .field("now", &self.now)
+            .field("devices", &self.links.len())
+            .finish_non_exhaustive()
     }
 }

@@ -7,7 +7,9 @@ use ft_recording::message::{
     DiagnosticArray, JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped,
 };
 use ft_recording::qos::Qos;
-use ft_recording::writer::{ChannelId, Finished, MessageStamps, RecordingWriter, WriteError, WriterOptions};
+use ft_recording::writer::{
+    ChannelId, Finished, MessageStamps, RecordingWriter, WriteError, WriterOptions,
+};
 use ft_wire::HostTime;
 
 use super::{Sink, SinkError};
@@ -43,7 +45,11 @@ impl McapSink {
     ///
     /// # Errors
     /// The file exists and may not be overwritten, or the disk refuses.
-    pub fn create(path: &Path, options: &WriterOptions, preamble: &Preamble) -> Result<Self, WriteError> {
+    pub fn create(
+        path: &Path,
+        options: &WriterOptions,
+        preamble: &Preamble,
+    ) -> Result<Self, WriteError> {
         let mut writer = RecordingWriter::create(path, options)?;
         let mut channels = Vec::with_capacity(Topic::ALL.len());
         for topic in Topic::ALL {
@@ -59,13 +65,24 @@ impl McapSink {
         }
         let mut buffer = Vec::new();
         preamble.static_transforms.encode(&mut buffer);
-        let stamps = MessageStamps { log_time: preamble.start, publish_time: preamble.start };
-        #[allow(clippy::expect_used, reason = "one channel was added for each topic above")]
+        let stamps = MessageStamps {
+            log_time: preamble.start,
+            publish_time: preamble.start,
+        };
+        #[allow(
+            clippy::expect_used,
+            reason = "one channel was added for each topic above"
+        )]
         let channels: [ChannelId; Topic::ALL.len()] =
             channels.try_into().expect("one channel for each topic");
         writer.write(channels[Topic::TfStatic.index()], stamps, &buffer)?;
         writer.flush_if_due(preamble.start)?;
-        Ok(Self { writer, channels, raw, encoder: Encoder::default() })
+        Ok(Self {
+            writer,
+            channels,
+            raw,
+            encoder: Encoder::default(),
+        })
     }
 
     /// Bytes written so far.
@@ -94,13 +111,20 @@ impl McapSink {
 
 impl Sink for McapSink {
     fn take(&mut self, item: &Item) -> Result<(), SinkError> {
-        let stamps = MessageStamps { log_time: item.arrival, publish_time: item.sample_time };
-        if let (Body::Raw(bytes), Some(channel)) = (&item.body, item.device.and_then(|index| self.raw.get(index)))
-        {
+        let stamps = MessageStamps {
+            log_time: item.arrival,
+            publish_time: item.sample_time,
+        };
+        if let (Body::Raw(bytes), Some(channel)) = (
+            &item.body,
+            item.device.and_then(|index| self.raw.get(index)),
+        ) {
             return Ok(self.writer.write(*channel, stamps, bytes.as_slice())?);
         }
         let (writer, channels) = (&mut self.writer, &self.channels);
-        self.encoder.encode(item, |topic, payload| writer.write(channels[topic.index()], stamps, payload))?;
+        self.encoder.encode(item, |topic, payload| {
+            writer.write(channels[topic.index()], stamps, payload)
+        })?;
         Ok(())
     }
 

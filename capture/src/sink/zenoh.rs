@@ -47,7 +47,11 @@ impl ZenohSink {
         profile: Profile,
         static_transforms: &TFMessage,
     ) -> Result<Self, SinkError> {
-        let node = NodeName { domain_id, zenoh_id: session.zid().to_string(), node: node_name.to_owned() };
+        let node = NodeName {
+            domain_id,
+            zenoh_id: session.zid().to_string(),
+            node: node_name.to_owned(),
+        };
         let node_token = declare_token(session, node.token())?;
         let mut endpoints = Vec::with_capacity(Topic::ALL.len());
         for topic in Topic::ALL {
@@ -61,7 +65,12 @@ impl ZenohSink {
                 .wait()
                 .map_err(|error| refused("declaring a publisher", &error))?;
             let gid = rmw::gid(&token);
-            endpoints.push(Endpoint { publisher, gid, sequence: 0, _token: declare_token(session, token)? });
+            endpoints.push(Endpoint {
+                publisher,
+                gid,
+                sequence: 0,
+                _token: declare_token(session, token)?,
+            });
         }
         let mut bytes = Vec::new();
         static_transforms.encode(&mut bytes);
@@ -79,9 +88,11 @@ impl Sink for ZenohSink {
     fn take(&mut self, item: &Item) -> Result<(), SinkError> {
         let endpoints = &mut self.endpoints;
         let source_ns = item.sample_time.as_nanos();
-        self.encoder.encode(item, |topic, payload| match endpoints.get_mut(topic.index()) {
-            Some(endpoint) => endpoint.put(payload, source_ns),
-            None => Ok(()),
+        self.encoder.encode(item, |topic, payload| {
+            match endpoints.get_mut(topic.index()) {
+                Some(endpoint) => endpoint.put(payload, source_ns),
+                None => Ok(()),
+            }
         })
     }
 
@@ -110,9 +121,16 @@ impl Endpoint {
 }
 
 fn declare_token(session: &zenoh::Session, token: String) -> Result<LivelinessToken, SinkError> {
-    session.liveliness().declare_token(token).wait().map_err(|error| refused("declaring a liveliness token", &error))
+    session
+        .liveliness()
+        .declare_token(token)
+        .wait()
+        .map_err(|error| refused("declaring a liveliness token", &error))
 }
 
 fn refused(what: &'static str, error: &zenoh::Error) -> SinkError {
-    SinkError::Zenoh { what, why: error.to_string() }
+    SinkError::Zenoh {
+        what,
+        why: error.to_string(),
+    }
 }

@@ -37,7 +37,12 @@ pub(crate) fn check(file: &Path, json: bool) -> CommandResult {
 }
 
 /// Makes a complete recording of what a crash left.
-pub(crate) fn recover(file: &Path, output: Option<PathBuf>, force: bool, json: bool) -> CommandResult {
+pub(crate) fn recover(
+    file: &Path,
+    output: Option<PathBuf>,
+    force: bool,
+    json: bool,
+) -> CommandResult {
     let output = match output {
         Some(output) => output,
         None => default_output(file)?,
@@ -55,7 +60,10 @@ pub(crate) fn recover(file: &Path, output: Option<PathBuf>, force: bool, json: b
 fn default_output(file: &Path) -> Result<PathBuf, String> {
     match file.extension() {
         Some(extension) if extension == "partial" => Ok(file.with_extension("")),
-        _ => Err(format!("{}: name the new recording with -o (only *.partial has a default)", file.display())),
+        _ => Err(format!(
+            "{}: name the new recording with -o (only *.partial has a default)",
+            file.display()
+        )),
     }
 }
 

@@ -47,7 +47,12 @@ struct RecordArguments {
     #[arg(long, value_name = "SCENARIO", num_args = 0..=1, default_missing_value = "wood_door")]
     sim: Option<String>,
     /// Configuration of the real devices
-    #[arg(long, value_name = "FILE", default_value = "capture.toml", conflicts_with = "sim")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "capture.toml",
+        conflicts_with = "sim"
+    )]
     config: PathBuf,
     /// The recording [default: named after the scenario, or after the time]
     #[arg(short, long, value_name = "FILE.mcap")]
@@ -145,14 +150,27 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_max_level(tracing::Level::WARN)
+        .init();
     let arguments = Arguments::parse();
     let result = match arguments.command {
         None => record::record(&arguments.record),
         Some(Command::Devices) => files::devices(),
         Some(Command::Check { file, json }) => files::check(&file, json),
-        Some(Command::Recover { file, output, force, json }) => files::recover(&file, output, force, json),
-        Some(Command::Replay { file, output, force, json }) => files::replay(&file, &output, force, json),
+        Some(Command::Recover {
+            file,
+            output,
+            force,
+            json,
+        }) => files::recover(&file, output, force, json),
+        Some(Command::Replay {
+            file,
+            output,
+            force,
+            json,
+        }) => files::replay(&file, &output, force, json),
     };
     match result {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,

@@ -31,7 +31,12 @@ fn from_devices(arguments: &RecordArguments) -> Result<Summary, Box<dyn std::err
     let clock = MonotonicClock::anchored_now();
     let default_name = format!("ft-{}.mcap", clock.now().as_nanos() / 1_000_000_000);
     let plan = plan(arguments, config, &default_name);
-    let connections = plan.config.devices.iter().map(|_| Connection::Configured).collect();
+    let connections = plan
+        .config
+        .devices
+        .iter()
+        .map(|_| Connection::Configured)
+        .collect();
     let mut operator = Operator {
         stop: stop_flag()?,
         take_marks: Box::new(Vec::new),
@@ -46,10 +51,26 @@ fn from_devices(arguments: &RecordArguments) -> Result<Summary, Box<dyn std::err
 
 /// The plan of `config` as the command line amends it.
 pub(crate) fn plan(arguments: &RecordArguments, mut config: Config, default_name: &str) -> Plan {
-    config.network.listen.extend(arguments.listen.iter().cloned());
-    config.network.connect.extend(arguments.connect.iter().cloned());
+    config
+        .network
+        .listen
+        .extend(arguments.listen.iter().cloned());
+    config
+        .network
+        .connect
+        .extend(arguments.connect.iter().cloned());
     config.network.router |= arguments.router;
-    let record = (!arguments.no_record)
-        .then(|| arguments.output.clone().unwrap_or_else(|| PathBuf::from(default_name)));
-    Plan { config, record, overwrite: arguments.force, duration: arguments.duration, publish: true }
+    let record = (!arguments.no_record).then(|| {
+        arguments
+            .output
+            .clone()
+            .unwrap_or_else(|| PathBuf::from(default_name))
+    });
+    Plan {
+        config,
+        record,
+        overwrite: arguments.force,
+        duration: arguments.duration,
+        publish: true,
+    }
 }

@@ -16,39 +16,63 @@ use crate::terminal::{Operator, bar, stop_flag};
 use crate::{RecordArguments, Speed};
 
 /// Runs the scenario `name`.
-pub(crate) fn run(arguments: &RecordArguments, name: &str) -> Result<Summary, Box<dyn std::error::Error>> {
+pub(crate) fn run(
+    arguments: &RecordArguments,
+    name: &str,
+) -> Result<Summary, Box<dyn std::error::Error>> {
     match arguments.speed {
         Speed::RealTime => simulated_live(arguments, name),
         Speed::Max => simulated_stepped(arguments, name),
     }
 }
 
-fn simulated_live(arguments: &RecordArguments, name: &str) -> Result<Summary, Box<dyn std::error::Error>> {
+fn simulated_live(
+    arguments: &RecordArguments,
+    name: &str,
+) -> Result<Summary, Box<dyn std::error::Error>> {
     let scenario = Scenario::load(name)?;
     let clock = MonotonicClock::anchored_now();
-    let options = ServeOptions { vcan: arguments.vcan.clone() };
-    let server = Server::start(&scenario, arguments.seed, arguments.duration, clock, options)?;
+    let options = ServeOptions {
+        vcan: arguments.vcan.clone(),
+    };
+    let server = Server::start(
+        &scenario,
+        arguments.seed,
+        arguments.duration,
+        clock,
+        options,
+    )?;
     let ports = server.ports();
     let mut connections = Vec::new();
     for served in &ports {
         connections.push(match &served.port {
             Port::InProcess => match server.can_link(&served.fitted.name) {
                 Some(link) => Connection::Simulated(link),
-                None => return Err(format!("{}: the simulation serves no link", served.fitted.name).into()),
+                None => {
+                    return Err(
+                        format!("{}: the simulation serves no link", served.fitted.name).into(),
+                    );
+                }
             },
             _ => Connection::Configured,
         });
     }
     let fitted: Vec<_> = ports.iter().map(|served| served.fitted.clone()).collect();
-    let config = simulated::config(scenario_id(name), &fitted, &server.known_setup(), |device| {
-        ports.iter().find(|served| served.fitted.name == device.name).map_or_else(String::new, |served| {
-            match &served.port {
-                Port::Pty(path) => path.display().to_string(),
-                Port::SocketCan(interface) => interface.clone(),
-                _ => "in-process".to_owned(),
-            }
-        })
-    })?;
+    let config = simulated::config(
+        scenario_id(name),
+        &fitted,
+        &server.known_setup(),
+        |device| {
+            ports
+                .iter()
+                .find(|served| served.fitted.name == device.name)
+                .map_or_else(String::new, |served| match &served.port {
+                    Port::Pty(path) => path.display().to_string(),
+                    Port::SocketCan(interface) => interface.clone(),
+                    _ => "in-process".to_owned(),
+                })
+        },
+    )?;
     let plan = plan(arguments, config, &default_name(name, arguments.seed));
     let server = RefCell::new(server);
     let mut operator = Operator {
@@ -67,16 +91,29 @@ fn simulated_live(arguments: &RecordArguments, name: &str) -> Result<Summary, Bo
     Ok(summary)
 }
 
-fn simulated_stepped(arguments: &RecordArguments, name: &str) -> Result<Summary, Box<dyn std::error::Error>> {
+fn simulated_stepped(
+    arguments: &RecordArguments,
+    name: &str,
+) -> Result<Summary, Box<dyn std::error::Error>> {
     let scenario = Scenario::load(name)?;
-    let mut simulation = Simulation::new(&scenario, arguments.seed, simulated::START, arguments.duration)?;
-    let config = simulated::config(scenario_id(name), simulation.fitted(), &simulation.known_setup(), |_| {
-        "in-process".to_owned()
-    })?;
+    let mut simulation = Simulation::new(
+        &scenario,
+        arguments.seed,
+        simulated::START,
+        arguments.duration,
+    )?;
+    let config = simulated::config(
+        scenario_id(name),
+        simulation.fitted(),
+        &simulation.known_setup(),
+        |_| "in-process".to_owned(),
+    )?;
     let mut plan = plan(arguments, config, &default_name(name, arguments.seed));
     plan.publish = false;
     let stop = stop_flag()?;
-    let total = arguments.duration.unwrap_or_else(|| simulation.end().saturating_since(simulated::START));
+    let total = arguments
+        .duration
+        .unwrap_or_else(|| simulation.end().saturating_since(simulated::START));
     let bar = bar(Some(total));
     bar.set_message(format!("simulating {name}"));
     let summary = simulated::run(
@@ -92,7 +129,10 @@ fn simulated_stepped(arguments: &RecordArguments, name: &str) -> Result<Summary,
 }
 
 fn scenario_id(name: &str) -> &str {
-    Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or("sim")
+    Path::new(name)
+        .file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or("sim")
 }
 
 fn default_name(scenario: &str, seed: u64) -> String {
@@ -102,7 +142,10 @@ fn default_name(scenario: &str, seed: u64) -> String {
 /// What was simulated goes to a file apart, for whoever wants to compare; nothing in the identification reads it.
 fn write_truth(plan: &Plan, truth: &Truth) -> Result<(), Box<dyn std::error::Error>> {
     if let Some(record) = &plan.record {
-        std::fs::write(record.with_extension("truth.json"), serde_json::to_string_pretty(truth)?)?;
+        std::fs::write(
+            record.with_extension("truth.json"),
+            serde_json::to_string_pretty(truth)?,
+        )?;
     }
     Ok(())
 }

@@ -5,6 +5,9 @@ use ft_capture::summary::Summary;
 use crate::RecordArguments;
 
 /// Says that this build cannot.
-pub(crate) fn run(_arguments: &RecordArguments, name: &str) -> Result<Summary, Box<dyn std::error::Error>> {
+pub(crate) fn run(
+    _arguments: &RecordArguments,
+    name: &str,
+) -> Result<Summary, Box<dyn std::error::Error>> {
     Err(format!("--sim {name}: this program was built without the feature `sim`").into())
 }

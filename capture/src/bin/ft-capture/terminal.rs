@@ -34,9 +34,17 @@ pub(crate) fn stop_flag() -> std::io::Result<Arc<AtomicBool>> {
 pub(crate) fn bar(total: Option<Duration>) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(
         total.map(|total| total.as_millis().try_into().unwrap_or(u64::MAX)),
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
+        if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        },
     );
-    let template = if total.is_some() { "{bar:30} {percent:>3}% {msg}" } else { "{spinner} {msg}" };
+    let template = if total.is_some() {
+        "{bar:30} {percent:>3}% {msg}"
+    } else {
+        "{spinner} {msg}"
+    };
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);
     }
@@ -73,8 +81,13 @@ impl Surroundings for Operator<'_> {
             return;
         }
         self.shown_at = elapsed + Duration::from_millis(200);
-        self.bar.set_position(elapsed.as_millis().try_into().unwrap_or(u64::MAX));
-        let mut message = format!("{:.0} s  {:.1} MB", elapsed.as_secs_f64(), bytes as f64 * 1e-6);
+        self.bar
+            .set_position(elapsed.as_millis().try_into().unwrap_or(u64::MAX));
+        let mut message = format!(
+            "{:.0} s  {:.1} MB",
+            elapsed.as_secs_f64(),
+            bytes as f64 * 1e-6
+        );
         for stream in health.summary() {
             let ledger = stream.ledger;
             let lost = ledger.gaps + ledger.drops + ledger.refused;

@@ -1,0 +1,197 @@
+//! Devices that are not what was expected, or leave while they are recorded. `ft-sim-hw serve` plays them in a process of
+//! its own, so that they can be unplugged.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+
+use ft_tests::programs;
+use tempfile::tempdir;
+
+/// A simulated gripper in another process; dropping it unplugs all its devices at once.
+struct Gripper {
+    process: Child,
+    ports: Vec<(String, PathBuf)>,
+}
+
+impl Gripper {
+    fn plug_in(scenario: &str, folder: &Path) -> Self {
+        let mut command = programs::command("ft-sim-hw", &["serve", scenario], folder);
+        let mut process = command
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(process.stdout.take().unwrap()).lines();
+        let mut ports = Vec::new();
+        while ports.len() < 3 {
+            let line = lines.next().unwrap().unwrap();
+            let words: Vec<_> = line.split_whitespace().collect();
+            if let [name, _driver, port, ..] = words[..]
+                && port.starts_with("/dev/")
+            {
+                ports.push((name.to_owned(), PathBuf::from(port)));
+            }
+        }
+        // The pipe stays open, or the process would end at its next line.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { process, ports }
+    }
+
+    fn port(&self, name: &str) -> &str {
+        let found = self.ports.iter().find(|(known, _)| known == name).unwrap();
+        found.1.to_str().unwrap()
+    }
+}
+
+impl Drop for Gripper {
+    fn drop(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+}
+
+fn configure(folder: &Path, gripper: &Gripper, baud_bps: u32) {
+    let text = format!(
+        "[[device]]\nname = \"ft_sensor\"\ndriver = \"bota_serial\"\nport = \"{}\"\n\
+         [device.settings]\nbaud_bps = {baud_bps}\n\
+         [[device]]\nname = \"aria\"\ndriver = \"pose_stream\"\nport = \"{}\"\n",
+        gripper.port("ft_sensor"),
+        gripper.port("aria")
+    );
+    std::fs::write(folder.join("capture.toml"), text).unwrap();
+}
+
+#[test]
+fn devices_that_leave_are_reported_and_what_they_said_is_kept() {
+    let folder = tempdir().unwrap();
+    let gripper = Gripper::plug_in("wood_door", folder.path());
+    configure(folder.path(), &gripper, 460_800);
+    let arguments = [
+        "--duration",
+        "6s",
+        "-o",
+        "a.mcap",
+        "--json",
+        "--listen",
+        "tcp/127.0.0.1:17451",
+    ];
+    let mut capture = programs::command("ft-capture", &arguments, folder.path());
+    let capture = capture
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait(3000);
+    drop(gripper);
+    let output = capture.wait_with_output().unwrap();
+    let finished = programs::Finished::new("ft-capture", &output).expect_code(3);
+    finished.complains(&["ft_sensor: lost", "aria: lost", "gone"]);
+    let summary = finished.json();
+    for stream in summary["streams"].as_array().unwrap() {
+        assert_eq!(stream["state"], "lost", "{summary}");
+        assert_eq!(stream["interruptions"], 1, "{summary}");
+        assert!(stream["received"].as_u64().unwrap() > 1000, "{summary}");
+    }
+    let report = programs::run("ft-capture", &["check", "a.mcap", "--json"], folder.path())
+        .expect_code(3)
+        .json();
+    assert_eq!(
+        report["topics"]["/ft/wrench"]["messages"],
+        summary["streams"][0]["received"]
+    );
+}
+
+#[test]
+fn a_wrong_bit_rate_ends_with_what_to_check() {
+    let folder = tempdir().unwrap();
+    let gripper = Gripper::plug_in("wood_door", folder.path());
+    configure(folder.path(), &gripper, 230_400);
+    let arguments = [
+        "--duration",
+        "6s",
+        "-o",
+        "a.mcap",
+        "--listen",
+        "tcp/127.0.0.1:17452",
+    ];
+    let finished = programs::run("ft-capture", &arguments, folder.path()).expect_code(3);
+    finished.complains(&["ft_sensor: lost", "check the bit rate"]);
+    assert!(
+        finished.stdout.contains("never delivered a sample"),
+        "{}",
+        finished.stdout
+    );
+}
+
+#[test]
+fn a_port_that_another_program_holds_is_busy() {
+    let folder = tempdir().unwrap();
+    let gripper = Gripper::plug_in("wood_door", folder.path());
+    configure(folder.path(), &gripper, 460_800);
+    let arguments = [
+        "--duration",
+        "4s",
+        "-o",
+        "a.mcap",
+        "--listen",
+        "tcp/127.0.0.1:17453",
+    ];
+    let mut first = programs::command("ft-capture", &arguments, folder.path());
+    let mut first = first
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait(1500);
+    let arguments = [
+        "--duration",
+        "1s",
+        "-o",
+        "b.mcap",
+        "--listen",
+        "tcp/127.0.0.1:17454",
+    ];
+    programs::run("ft-capture", &arguments, folder.path())
+        .expect_code(1)
+        .complains(&["ft_sensor", gripper.port("ft_sensor"), "busy"]);
+    assert!(!folder.path().join("b.mcap.partial").exists());
+    assert_eq!(
+        first.wait().unwrap().code(),
+        Some(0),
+        "the first capture was disturbed"
+    );
+}
+
+#[test]
+fn ctrl_c_finishes_the_file() {
+    let folder = tempdir().unwrap();
+    for (signal, name) in [("-INT", "a.mcap"), ("-TERM", "b.mcap")] {
+        let arguments = ["--sim", "-o", name, "--listen", "tcp/127.0.0.1:17455"];
+        let mut capture = programs::command("ft-capture", &arguments, folder.path());
+        let capture = capture
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        wait(2500);
+        let id = capture.id().to_string();
+        assert!(
+            std::process::Command::new("kill")
+                .args([signal, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
+        programs::Finished::new("ft-capture", &capture.wait_with_output().unwrap()).expect_code(0);
+        programs::run("ft-capture", &["check", name], folder.path()).expect_code(0);
+    }
+}
+
+#[allow(
+    clippy::disallowed_methods,
+    reason = "devices are unplugged when it pleases a person"
+)]
+fn wait(milliseconds: u64) {
+    std::thread::sleep(std::time::Duration::from_millis(milliseconds));
+}
