@@ -260,7 +260,7 @@ impl Evidence {
             _ => "excite it more strongly or record longer",
         };
         (uncertain && (matters || name == "inertia")).then(|| {
-            format!("the motion does not show it apart from the rest ({:.3} +- {:.3} {unit}); {todo}", self.value, self.std)
+            format!("the motion does not show it apart from the rest ({:.3} ± {:.3} {unit}); {todo}", self.value, self.std)
         })
     }
 }

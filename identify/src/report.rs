@@ -286,8 +286,8 @@ impl Report {
         if let (Some(direction), Some(point)) = (joint.axis_direction, joint.axis_point) {
             let [dx, dy, dz] = direction;
             let [px, py, pz] = point;
-            let _ = writeln!(out, "axis       direction [{dx:.4} {dy:.4} {dz:.4}] +- {:.2} deg", joint.std.direction_deg.unwrap_or(f64::NAN));
-            let std = joint.std.position_m.map_or_else(String::new, |std| format!(" +- {:.1} mm", std * 1e3));
+            let _ = writeln!(out, "axis       direction [{dx:.4} {dy:.4} {dz:.4}] ± {:.2} deg", joint.std.direction_deg.unwrap_or(f64::NAN));
+            let std = joint.std.position_m.map_or_else(String::new, |std| format!(" ± {:.1} mm", std * 1e3));
             let _ = writeln!(out, "           point [{px:.4} {py:.4} {pz:.4}] m{std}");
         }
         for term in &self.last.terms {
@@ -353,11 +353,11 @@ impl Report {
     }
 }
 
-/// `value +- std` with as many digits as the standard deviation deserves.
+/// `value ± std` with as many digits as the standard deviation deserves.
 #[must_use]
 pub fn with_std(value: f64, std: f64) -> String {
     let digits = if std > 0.0 { (1.0 - std.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
-    format!("{value:.digits$} +- {std:.digits$}")
+    format!("{value:.digits$} ± {std:.digits$}")
 }
 
 fn unknown_terms(kind: JointKind) -> Vec<Term> {

@@ -8,19 +8,22 @@ use crate::samples::quantile;
 /// | gate | takes out |
 /// |---|---|
 /// | `border` | the filter's length at either end of a run |
-/// | `slow` | within half a filter length of a speed below the threshold: stuck, or about to reverse |
-/// | `limit` | within 0.5 % of the range of either end: end stops |
+/// | `slow` | within half a filter length of a stretch of 30 ms or more below the threshold speed: stuck, or about to be; a quick reversal, as in shaking, stays |
+/// | `limit` | within half a filter length of the outermost 1 % of the range: end stops |
 /// | `acceleration` | beyond three times what 99 % of the samples reach: a tracker that jumped |
 pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let step = ((1.0 / (4.0 * cutoff_hz)) / motion.period).round().max(1.0) as usize;
     let border = (1.5 / cutoff_hz / motion.period).ceil() as usize;
     let window = (0.5 / cutoff_hz / motion.period).ceil() as usize;
     motion.slow_speed = slow_speed(motion);
-    let stuck = widened(motion, window);
+    let slow: Vec<bool> = motion.dq.iter().map(|v| v.abs() < motion.slow_speed).collect();
+    let stuck = widened(motion, &lasting(motion, &slow), window);
     let speeds: Vec<f64> = motion.ddq.iter().map(|a| a.abs()).collect();
     let implausible = 3.0 * quantile(&speeds, 0.99);
     let (low, high) = (quantile(&motion.q, 0.0), quantile(&motion.q, 1.0));
-    let margin = 0.005 * (high - low);
+    let margin = 0.01 * (high - low);
+    let at_limit: Vec<bool> = motion.q.iter().map(|q| *q < low + margin || *q > high - margin).collect();
+    let near_limit = widened(motion, &at_limit, window);
     let mut total = 0;
     for run in motion.runs.clone() {
         for i in run.clone().step_by(step) {
@@ -29,7 +32,7 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
                 Some("border")
             } else if stuck[i] {
                 Some("slow")
-            } else if motion.q[i] < low + margin || motion.q[i] > high - margin {
+            } else if near_limit[i] {
                 Some("limit")
             } else if motion.ddq[i].abs() > implausible {
                 Some("acceleration")
@@ -59,24 +62,41 @@ fn slow_speed(motion: &Motion) -> f64 {
     (0.02 * quantile(&speeds, 0.95)).max(4.0 * noise).min(quantile(&moving, 0.5) / 3.0)
 }
 
-/// True within `window` samples of a slow one, not across gaps.
-fn widened(motion: &Motion, window: usize) -> Vec<bool> {
-    let mut stuck = vec![false; motion.dq.len()];
+/// The flags that hold for at least 30 ms on end.
+fn lasting(motion: &Motion, flags: &[bool]) -> Vec<bool> {
+    let least = (0.03 / motion.period).ceil() as usize;
+    let mut out = vec![false; flags.len()];
+    for run in &motion.runs {
+        let mut start = run.start;
+        for i in run.clone() {
+            if !flags[i] {
+                start = i + 1;
+            } else if i + 1 - start >= least {
+                out[start..=i].fill(true);
+            }
+        }
+    }
+    out
+}
+
+/// True within `window` samples of a flag, not across gaps.
+fn widened(motion: &Motion, flags: &[bool], window: usize) -> Vec<bool> {
+    let mut out = vec![false; flags.len()];
     for run in &motion.runs {
         let mut until = 0;
         for i in run.clone() {
-            if motion.dq[i].abs() < motion.slow_speed {
+            if flags[i] {
                 until = i + window + 1;
             }
-            stuck[i] = i < until;
+            out[i] = i < until;
         }
         let mut from = usize::MAX;
         for i in run.clone().rev() {
-            if motion.dq[i].abs() < motion.slow_speed {
+            if flags[i] {
                 from = i.saturating_sub(window);
             }
-            stuck[i] |= i >= from;
+            out[i] |= i >= from;
         }
     }
-    stuck
+    out
 }

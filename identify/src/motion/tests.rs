@@ -55,6 +55,7 @@ fn slow_samples_are_gated_by_name() {
     assert!(motion.gated["slow"] > 10);
     assert!(motion.gated["border"] > 5);
     assert!(motion.kept.iter().all(|&i| motion.dq[i].abs() > motion.slow_speed));
+    assert!(motion.gated["limit"] > 0);
 }
 
 #[test]
