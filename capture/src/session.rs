@@ -118,7 +118,6 @@ impl Plan {
     }
 
     /// What the recording says about itself.
-    #[must_use]
     ///
     /// # Errors
     /// The calibration makes no sense.

@@ -48,7 +48,7 @@ pub fn with_driver<U: DriverUser>(
                 .config(startup)
                 .map_err(|what| wrong(device, what))?;
             Ok(user.serial(
-                move || bota_serial::BotaSerial::new(config.clone()),
+                move || bota_serial::BotaSerial::new(config),
                 settings.baud_bps,
             ))
         }
@@ -66,7 +66,7 @@ pub fn with_driver<U: DriverUser>(
             };
             let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
             Ok(user.can(
-                move || robotous_can::RobotousCan::new(config.clone()),
+                move || robotous_can::RobotousCan::new(config),
                 listened,
             ))
         }
@@ -77,7 +77,7 @@ pub fn with_driver<U: DriverUser>(
                 baud_bps: settings.baud_bps,
             };
             Ok(user.serial(
-                move || robotous_uart::RobotousUart::new(config.clone()),
+                move || robotous_uart::RobotousUart::new(config),
                 settings.baud_bps,
             ))
         }
@@ -85,7 +85,7 @@ pub fn with_driver<U: DriverUser>(
             let settings: DynamixelSettings = read(device)?;
             let config = settings.config(startup);
             Ok(user.serial(
-                move || dynamixel::Dynamixel::new(config.clone()),
+                move || dynamixel::Dynamixel::new(config),
                 settings.baud_bps,
             ))
         }

@@ -2,6 +2,7 @@
 
 pub mod peers;
 pub mod programs;
+pub mod truth;
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,162 @@
+//! Simulated recordings identified and compared with what was simulated. Everything here is simulation.
+
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use ft_capture::session::Plan;
+use ft_capture::simulated;
+use ft_identify::motion::{Motion, MotionSettings};
+use ft_identify::pipeline::{Identified, identify_recording};
+use ft_identify::screw::{JointKind, ScrewAxis};
+use ft_recording::TopicMap;
+use ft_sim_hw::{Scenario, Simulation, Truth};
+
+/// Records a built-in scenario on the simulated clock, drivers and all.
+///
+/// # Panics
+/// The scenario is unknown, or the recording cannot be written.
+#[must_use]
+pub fn record(scenario: &str, seed: u64, file: &Path) -> Truth {
+    let scenario_text = Scenario::load(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let mut simulation = Simulation::new(&scenario_text, seed, simulated::START, None)
+        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
+    let config = simulated::config("study", simulation.fitted(), &simulation.known_setup(), port)
+        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let plan = Plan { config, record: Some(file.to_owned()), overwrite: true, duration: None, publish: false };
+    let summary = simulated::run(&plan, &mut simulation, |_| {}, || false)
+        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    assert!(!summary.lost_data(), "{scenario}: {summary}");
+    simulation.truth()
+}
+
+/// One recording compared with its truth.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// The scenario.
+    pub scenario: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Whether the kind of joint is right.
+    pub kind_is_right: bool,
+    /// Angle between the axes, deg.
+    pub axis_deg: f64,
+    /// Distance between the axes (revolute), mm.
+    pub axis_mm: f64,
+    /// True inertia, kg m^2 or kg.
+    pub inertia: f64,
+    /// (estimate - truth) / truth of inertia, Coulomb and viscous friction; `None` where not identified.
+    pub relative: [Option<f64>; 3],
+    /// The same in standard deviations that the report states.
+    pub sigmas: [Option<f64>; 3],
+    /// Held-out RMS of the paper's base model, N m or N.
+    pub base_held_out: f64,
+    /// Held-out RMS of the full model.
+    pub held_out: f64,
+    /// What the report takes for the noise floor.
+    pub floor_estimated: f64,
+    /// What the true parameters leave on the same measured signals through the same pipeline.
+    pub floor_true: f64,
+    /// The report's verdict.
+    pub verdict: String,
+}
+
+/// Identifies `file` and compares.
+///
+/// # Panics
+/// It cannot be identified.
+#[must_use]
+pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Comparison {
+    let settings = MotionSettings::default();
+    let identified = identify_recording(file, &TopicMap::default(), &settings, &mut |_| {})
+        .unwrap_or_else(|error| panic!("{scenario} seed {seed}: {error}"));
+    let (axis_deg, axis_mm) = axis_error(&identified, truth);
+    let report = &identified.report;
+    let finals = &report.last;
+    let wanted = [("inertia", truth.object.inertia), ("coulomb", truth.object.coulomb), ("viscous", truth.object.viscous)];
+    let term = |(name, true_value): (&str, f64)| {
+        let term = report.term(name)?;
+        let (value, std) = (term.value?, term.std?);
+        Some(((value - true_value) / true_value, (value - true_value) / std))
+    };
+    let terms = wanted.map(term);
+    let kind = identified.axis.as_ref().map(|axis| axis.kind);
+    Comparison {
+        scenario: scenario.to_owned(),
+        seed,
+        kind_is_right: kind.is_some_and(|kind| (kind == JointKind::Revolute) == is_revolute(truth)),
+        axis_deg,
+        axis_mm,
+        inertia: truth.object.inertia,
+        relative: terms.map(|term| term.map(|(relative, _)| relative)),
+        sigmas: terms.map(|term| term.map(|(_, sigmas)| sigmas)),
+        base_held_out: report.base.held_out_rms.unwrap_or(f64::NAN),
+        held_out: finals.held_out_rms.unwrap_or(f64::NAN),
+        floor_estimated: finals.noise_floor_rms.unwrap_or(f64::NAN),
+        floor_true: true_floor(&identified, truth),
+        verdict: format!("{:?}", finals.verdict).to_lowercase(),
+    }
+}
+
+fn is_revolute(truth: &Truth) -> bool {
+    truth.joint_kind == ft_sim_hw::scenario::JointKind::Revolute
+}
+
+/// Angle (deg, folded to 0..90) and distance (mm; NaN for a slide) between the identified and the true axis.
+fn axis_error(identified: &Identified, truth: &Truth) -> (f64, f64) {
+    let Some(axis) = &identified.axis else { return (f64::NAN, f64::NAN) };
+    let true_axis = ScrewAxis {
+        direction: nalgebra::Unit::new_normalize(truth.axis_direction.into()),
+        point: truth.axis_point.into(),
+        kind: axis.kind,
+    };
+    let (angle, distance) = axis.separation(&true_axis);
+    (angle.to_degrees(), if is_revolute(truth) { distance * 1e3 } else { f64::NAN })
+}
+
+/// What the true parameters leave of the measured effort, motion and effort through the pipeline's own filters.
+fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
+    let samples = &identified.samples;
+    let Ok(motion) = Motion::prepare(samples, &MotionSettings::default()) else { return f64::NAN };
+    let needed: Vec<f64> = (0..motion.q.len())
+        .map(|i| truth.effort(truth.q_at_grasp + motion.q[i], motion.dq[i], motion.ddq[i]))
+        .collect();
+    let (Ok(measured), Ok(needed)) = (motion.regressor(&motion.tau), motion.regressor(&needed)) else {
+        return f64::NAN;
+    };
+    let squares: f64 = measured.iter().zip(&needed).map(|(a, b)| (a - b) * (a - b)).sum();
+    (squares / measured.len() as f64).sqrt()
+}
+
+/// Runs `scenarios` times `seeds` on all processors; `done` hears of each.
+///
+/// # Panics
+/// One of them cannot be recorded or identified.
+#[must_use]
+pub fn study(scenarios: &[&str], seeds: std::ops::Range<u64>, done: impl Fn(&Comparison) + Sync) -> Vec<Comparison> {
+    let jobs: Vec<_> = scenarios.iter().flat_map(|name| seeds.clone().map(move |seed| (*name, seed))).collect();
+    let next = AtomicUsize::new(0);
+    let results = Mutex::new(Vec::new());
+    let folder = tempfile::tempdir().unwrap_or_else(|error| panic!("no temporary folder: {error}"));
+    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    std::thread::scope(|scope| {
+        for worker in 0..workers {
+            let (jobs, next, results, done, folder) = (&jobs, &next, &results, &done, &folder);
+            scope.spawn(move || {
+                let file = folder.path().join(format!("{worker}.mcap"));
+                while let Some((scenario, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let truth = record(scenario, *seed, &file);
+                    let comparison = compare(scenario, *seed, &file, &truth);
+                    done(&comparison);
+                    if let Ok(mut results) = results.lock() {
+                        results.push(comparison);
+                    }
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|one| (scenarios.iter().position(|name| *name == one.scenario), one.seed));
+    results
+}
