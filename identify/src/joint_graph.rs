@@ -95,7 +95,12 @@ pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
             let linear = state.linearize(track, uses_rotations, &noise);
             let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
             cost = linear.cost;
-            let Some(step) = linear.solve() else { break };
+            let Some(step) = linear.solve() else {
+                // Beyond the arithmetic: with more white noise the matrix is better conditioned.
+                noise.iter_mut().for_each(|noise| noise.white *= 3.0);
+                cost = f64::INFINITY;
+                continue;
+            };
             let small = state.apply(&step);
             last = Some((step, cost));
             if done || small {

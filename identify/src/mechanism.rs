@@ -1,7 +1,8 @@
 //! The mechanism: `g(q) + c(q, |dq|) dq` with `c >= 0` for each direction, as penalized B-splines.
 //!
 //! `g` is cubic with a second-difference penalty and any sign. `c` has one surface for opening (dq > 0) and one for
-//! closing, quadratic in q and linear in |dq|, with non-negative coefficients, so it is non-negative everywhere.
+//! closing, quadratic in q and piecewise linear in sqrt(|dq|) (finer at low speeds, where a valve opens), with non-negative
+//! coefficients, so it is non-negative everywhere.
 //! A constant part of `c` is the same as viscous friction: the smallest coefficient is moved there
 //! ([`SplineMechanism::take_common_damping`]), so that the smallest `c` is zero. Outside the domain where it was probed the
 //! curves go on at their end values and mean nothing.
@@ -46,7 +47,8 @@ pub struct SplineMechanism {
 }
 
 const LOAD_PIECES: usize = 20;
-const DAMPING_PIECES: usize = 14;
+const DAMPING_PIECES: usize = 12;
+const SPEED_PIECES: usize = 3;
 
 impl SplineMechanism {
     /// A mechanism of zero effort over the domain of a motion.
@@ -58,7 +60,7 @@ impl SplineMechanism {
         let (low, high) = extrema(&q);
         let load = Basis::new(low, high, LOAD_PIECES, 3);
         let damping_q = Basis::new(low, high, DAMPING_PIECES, 2);
-        let damping_speed = Basis::new(0.0, quantile(&speed, 0.98).max(1e-9), 1, 1);
+        let damping_speed = Basis::new(0.0, quantile(&speed, 0.98).max(1e-9).sqrt(), SPEED_PIECES, 1);
         let zeros = vec![0.0; damping_q.len() * damping_speed.len()];
         let (slowest, fastest) = extrema(&dq);
         Self {
@@ -77,7 +79,7 @@ impl SplineMechanism {
         &self.load
     }
 
-    /// The bases of c, in the coordinate and in the speed.
+    /// The bases of c, in the coordinate and in the square root of the speed.
     #[must_use]
     pub fn damping_bases(&self) -> (&Basis, &Basis) {
         (&self.damping_q, &self.damping_speed)
@@ -159,8 +161,8 @@ impl SplineMechanism {
         Ok(out)
     }
 
-    /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c small and even
-    /// over speed, so that viscous and Coulomb friction take what they can; each (coefficients, coefficients).
+    /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c even over speed;
+    /// each (coefficients, coefficients).
     #[must_use]
     pub fn penalties(&self) -> [DMatrix<f64>; 3] {
         let total = self.len();
@@ -180,13 +182,13 @@ impl SplineMechanism {
         [
             load,
             twice(in_q.kronecker(&one(nv))),
-            twice(one(nq).kronecker(&in_speed) * 0.1 + one(nq * nv) * 0.003),
+            twice(one(nq).kronecker(&in_speed) * 0.03 + one(nq * nv) * 1e-4),
         ]
     }
 
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {
         let (first_q, in_q) = self.damping_q.evaluate(q);
-        let (first_speed, in_speed) = self.damping_speed.evaluate(speed);
+        let (first_speed, in_speed) = self.damping_speed.evaluate(speed.sqrt());
         let (dq, dv, nv) = (self.damping_q.degree() + 1, self.damping_speed.degree() + 1, self.damping_speed.len());
         (0..dq * dv).map(move |k| {
             let (i, j) = (k / dv, k % dv);

@@ -45,6 +45,8 @@ pub struct Identified {
     pub axis: Option<ScrewAxis>,
     /// Positions of the tool in `world` at about 50 Hz.
     pub path: Vec<Point3<f64>>,
+    /// Joint coordinate and effort, as measured.
+    pub samples: JointSamples,
 }
 
 const MIN_HELD_S: f64 = 5.0;
@@ -124,7 +126,7 @@ pub fn identify_loaded(
     });
     let step = ((0.02 / tool.period) as usize).max(1);
     let path = effort.path.iter().step_by(step).copied().collect();
-    Ok(Identified { report, twin, analysis, axis: Some(effort.axis), path })
+    Ok(Identified { report, twin, analysis, axis: Some(effort.axis), path, samples: effort.samples })
 }
 
 /// Identifies a table of one joint; `sha256` of its file goes into the twin.
@@ -144,7 +146,7 @@ pub fn identified_table(file: &Path, sha256: String, samples: &JointSamples, ana
         held_out_rms: Some([analysis.base.held_out_rms, analysis.full.held_out_rms]),
     };
     let twin = Twin::new(samples.kind, None, analysis.q_range, &analysis.full, provenance);
-    Identified { report, twin: Some(twin), analysis: Some(analysis), axis: None, path: Vec::new() }
+    Identified { report, twin: Some(twin), analysis: Some(analysis), axis: None, path: Vec::new(), samples: samples.clone() }
 }
 
 type PayloadOutcome = Result<Payload, PayloadError>;

@@ -100,11 +100,11 @@ pub struct Spline {
 pub struct SurfaceSpline {
     /// Interval of q.
     pub interval_q: [f64; 2],
-    /// Interval of |dq|.
-    pub interval_speed: [f64; 2],
-    /// Pieces over q and over |dq|.
+    /// Interval of sqrt(|dq|).
+    pub interval_sqrt_speed: [f64; 2],
+    /// Pieces over q and over sqrt(|dq|).
     pub pieces: [usize; 2],
-    /// Degrees over q and over |dq|.
+    /// Degrees over q and over sqrt(|dq|).
     pub degree: [usize; 2],
     /// Coefficients.
     pub coefficients: Vec<f64>,
@@ -239,7 +239,7 @@ impl TwinMechanism {
         let (in_q, in_speed) = mechanism.damping_bases();
         let surface = |coefficients: &Vec<f64>| SurfaceSpline {
             interval_q: pair(in_q),
-            interval_speed: pair(in_speed),
+            interval_sqrt_speed: pair(in_speed),
             pieces: [in_q.intervals(), in_speed.intervals()],
             degree: [in_q.degree(), in_speed.degree()],
             coefficients: coefficients.clone(),
@@ -267,9 +267,9 @@ impl TwinMechanism {
 impl SurfaceSpline {
     fn value(&self, q: f64, speed: f64) -> f64 {
         let in_q = Basis::new(self.interval_q[0], self.interval_q[1], self.pieces[0], self.degree[0]);
-        let in_speed = Basis::new(self.interval_speed[0], self.interval_speed[1], self.pieces[1], self.degree[1]);
+        let in_speed = Basis::new(self.interval_sqrt_speed[0], self.interval_sqrt_speed[1], self.pieces[1], self.degree[1]);
         let (first_q, values_q) = in_q.evaluate(q);
-        let (first_speed, values_speed) = in_speed.evaluate(speed);
+        let (first_speed, values_speed) = in_speed.evaluate(speed.sqrt());
         let mut sum = 0.0;
         for i in 0..=in_q.degree() {
             for j in 0..=in_speed.degree() {

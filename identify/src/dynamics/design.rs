@@ -22,7 +22,12 @@ pub(super) struct Design {
     right: DVector<f64>,
     penalties: Vec<DMatrix<f64>>,
     scale: DVector<f64>,
+    /// What a coefficient of the damping must gain before it is let in; zero for all others.
+    threshold: DVector<f64>,
 }
+
+/// A coefficient of the damping is let in when it moves the effort by more than so many standard deviations of its own.
+const DAMPING_EVIDENCE: f64 = 0.8;
 
 /// Relative smoothing of load and damping that the search tries.
 const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
@@ -43,6 +48,7 @@ impl Design {
         let mut design = Self::of_columns(columns, tau, motion.folds())?;
         if let Some(mechanism) = mechanism {
             design.add_mechanism(mechanism, &mechanism.regressor(motion)?);
+            design.set_threshold();
         }
         design.check()?;
         Ok(design)
@@ -70,7 +76,7 @@ impl Design {
         let names = columns.iter().map(|column| column.name).collect();
         let units = columns.into_iter().map(|column| column.unit).collect();
         let design =
-            Self { y, tau, bounds, names, units, params, folds, gram, right, penalties: Vec::new(), scale };
+            Self { y, tau, bounds, names, units, params, folds, gram, right, penalties: Vec::new(), threshold: DVector::zeros(params), scale };
         design.check()?;
         Ok(design)
     }
@@ -86,7 +92,23 @@ impl Design {
             self.penalties.push(full);
         }
         self.scale = self.scale.clone().resize_vertically(total, 1.0);
+        self.threshold = DVector::zeros(total);
         (self.gram, self.right) = normal(&self.y, &self.tau);
+    }
+
+    /// The threshold from the residual of a fit without one.
+    fn set_threshold(&mut self) {
+        let h = self.penalized(&self.gram, &[0.01, 0.1], 1.0);
+        let x = bounded_quadratic(&self.scaled(&h), &self.right.component_div(&self.scale), &self.bounds, None);
+        let residual = &self.tau - &self.y * x.component_div(&self.scale);
+        let samples = self.tau.len() as f64;
+        let independent = effective_count(residual.as_slice()).max(1.0);
+        let sigma = (residual.norm_squared() / samples).sqrt() * (samples / independent).sqrt();
+        for j in self.params..self.y.ncols() {
+            if self.bounds[j] == Bound::NonNegative {
+                self.threshold[j] = DAMPING_EVIDENCE * sigma * self.gram[(j, j)].sqrt();
+            }
+        }
     }
 
     fn check(&self) -> Result<(), DynamicsError> {
@@ -136,13 +158,12 @@ impl Design {
     /// Parameters with one smoothing, and the covariance of the parametric ones, inflated for correlated residuals.
     pub(super) fn solve(&self, smoothing: &[f64; 2]) -> (DVector<f64>, DMatrix<f64>) {
         let h = self.penalized(&self.gram, smoothing, 1.0);
-        let solution = self.minimum(&h, &self.right, None);
+        let solution = self.minimum(&h, &self.right, 1.0, None);
         let residual = &self.tau - &self.y * &solution;
         let samples = self.tau.len() as f64;
         let at_bound: Vec<bool> =
             (0..solution.len()).map(|j| j >= self.params && self.bounds[j] == Bound::NonNegative && solution[j] == 0.0).collect();
-        let scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]));
-        let inverse = covariance_of_free(&scaled, &at_bound);
+        let inverse = covariance_of_free(&self.scaled(&h), &at_bound);
         let effective = effective_count(residual.as_slice());
         let variance = residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
         let covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
@@ -181,7 +202,7 @@ impl Design {
         for fold in folds {
             let share = 1.0 - fold.samples as f64 / self.tau.len() as f64;
             let h = self.penalized(&(&self.gram - &fold.gram), smoothing, share);
-            let x = self.minimum(&h, &(&self.right - &fold.right), warm.as_deref());
+            let x = self.minimum(&h, &(&self.right - &fold.right), share, warm.as_deref());
             warm = Some(x.iter().map(|v| *v != 0.0).collect());
             square += (fold.square - 2.0 * x.dot(&fold.right) + x.dot(&(&fold.gram * &x))).max(0.0);
             samples += fold.samples;
@@ -209,11 +230,33 @@ impl Design {
         about.iter().map(|&j| self.gram[(j, j)]).sum::<f64>() / about.len().max(1) as f64
     }
 
-    fn minimum(&self, h: &DMatrix<f64>, right: &DVector<f64>, warm: Option<&[bool]>) -> DVector<f64> {
-        let scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]));
-        let mut x = bounded_quadratic(&scaled, &right.component_div(&self.scale), &self.bounds, warm);
-        x.component_div_assign(&self.scale);
-        x
+    /// Minimum with bounds. First with the threshold, which lets in only the damping that the data ask for; then without
+    /// it over what was let in, so that nothing is shrunk.
+    fn minimum(&self, h: &DMatrix<f64>, right: &DVector<f64>, share: f64, warm: Option<&[bool]>) -> DVector<f64> {
+        let scaled = self.scaled(h);
+        let target = right.component_div(&self.scale);
+        let held = (right - &self.threshold * share).component_div(&self.scale);
+        let x = bounded_quadratic(&scaled, &held, &self.bounds, warm);
+        let mut out = if self.threshold.amax() > 0.0 {
+            let kept: Vec<usize> = (0..x.len()).filter(|&j| x[j] != 0.0 || self.threshold[j] == 0.0).collect();
+            let bounds: Vec<Bound> = kept.iter().map(|&j| self.bounds[j]).collect();
+            let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| scaled[(kept[i], kept[j])]);
+            let started = vec![true; kept.len()];
+            let some = bounded_quadratic(&part, &target.select_rows(&kept), &bounds, Some(&started));
+            let mut full = DVector::zeros(x.len());
+            for (i, &j) in kept.iter().enumerate() {
+                full[j] = some[i];
+            }
+            full
+        } else {
+            x
+        };
+        out.component_div_assign(&self.scale);
+        out
+    }
+
+    fn scaled(&self, h: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]))
     }
 }
 

@@ -51,8 +51,10 @@ impl Wander {
             .map(|t| (fit(&points, t), t))
             .min_by(|a, b| a.0.2.total_cmp(&b.0.2))?;
         let ((white, wander, _), time_constant) = best;
-        let white = (white / 2.0).sqrt().max(floor);
-        Some(Self { white, wander: (wander / 2.0).sqrt().max(floor.max(0.01 * white)), time_constant })
+        let wander = (wander / 2.0).sqrt();
+        // A hundredth of the wander at least: less is beyond the arithmetic of the elimination.
+        let white = (white / 2.0).sqrt().max(floor).max(0.01 * wander);
+        Some(Self { white, wander: wander.max(floor.max(0.01 * white)), time_constant })
     }
 }
 
