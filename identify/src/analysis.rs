@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::dynamics::{DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure};
+use crate::dynamics::{
+    DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure,
+};
 use crate::effect::RigidBody;
 use crate::lag::Lag;
 use crate::least_squares::rms;
@@ -74,7 +76,10 @@ pub const EXPLAINED_BELOW: f64 = 1.25;
 ///
 /// # Errors
 /// [`DynamicsError`].
-pub fn analyse(samples: &JointSamples, settings: &MotionSettings) -> Result<Analysis, DynamicsError> {
+pub fn analyse(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+) -> Result<Analysis, DynamicsError> {
     let (samples, motion, lag) = align(samples, settings, &[&RigidBody])?;
     let base = fit_base(&motion)?;
     let full = fit_with_mechanism(&motion, &[&RigidBody])?;
@@ -82,7 +87,8 @@ pub fn analyse(samples: &JointSamples, settings: &MotionSettings) -> Result<Anal
     let tau = motion.regressor(&motion.tau)?;
     let (verdict, unexplained_fraction) = judge(&full, floor.rms, rms(&tau));
     let (low, high) = samples.q_range();
-    let at = |series: &[f64], step: usize| series.iter().step_by(step).copied().collect::<Vec<f64>>();
+    let at =
+        |series: &[f64], step: usize| series.iter().step_by(step).copied().collect::<Vec<f64>>();
     let step = ((0.02 / motion.period) as usize).max(1);
     Ok(Analysis {
         kind: samples.kind,

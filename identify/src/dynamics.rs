@@ -104,7 +104,10 @@ pub fn fit_base(motion: &Motion) -> Result<EffortModel, DynamicsError> {
 ///
 /// # Errors
 /// [`DynamicsError`].
-pub fn fit_parametric(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
+pub fn fit_parametric(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+) -> Result<EffortModel, DynamicsError> {
     Design::new(motion, effects, None)?.parametric()
 }
 
@@ -124,7 +127,10 @@ pub fn fit_columns(
 ///
 /// # Errors
 /// [`DynamicsError`].
-pub fn fit_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<EffortModel, DynamicsError> {
+pub fn fit_with_mechanism(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+) -> Result<EffortModel, DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
     let (smoothing, held_out_rms) = design.choose_smoothing();
@@ -157,16 +163,22 @@ pub fn align(
         return Ok((samples.clone(), unmoved, None));
     };
     let mut moved = None;
-    for _ in 0..4 {
+    for _ in 0..6 {
         if lag.value_s.abs() < 1e-3_f64.max(3.0 * lag.std_s) {
             break;
         }
         let shifted = samples.with_effort_earlier(lag.value_s);
         let motion = Motion::prepare(&shifted, settings)?;
-        let Some(rest) = lag_with_mechanism(&motion, effects)? else { break };
+        let Some(rest) = lag_with_mechanism(&motion, effects)? else {
+            break;
+        };
         moved = Some((shifted, motion));
-        lag = Lag { value_s: lag.value_s + rest.value_s, std_s: rest.std_s, applied: true };
-        if rest.value_s.abs() < 5e-4 {
+        lag = Lag {
+            value_s: lag.value_s + rest.value_s,
+            std_s: rest.std_s,
+            applied: true,
+        };
+        if rest.value_s.abs() < 2e-4 {
             break;
         }
     }
@@ -174,7 +186,10 @@ pub fn align(
     Ok((samples, motion, Some(lag)))
 }
 
-fn lag_with_mechanism(motion: &Motion, effects: &[&dyn Effect]) -> Result<Option<Lag>, DynamicsError> {
+fn lag_with_mechanism(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+) -> Result<Option<Lag>, DynamicsError> {
     let mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
     let (smoothing, _) = design.choose_smoothing();
@@ -206,7 +221,12 @@ impl Design {
         let mut not_identified = BTreeMap::new();
         for (j, name) in self.names.iter().enumerate() {
             let std = covariance[(j, j)].max(0.0).sqrt();
-            let shown = Evidence { value: theta[j], std, regressor: rms(self.y.column(j).as_slice()), effort: effort_rms };
+            let shown = Evidence {
+                value: theta[j],
+                std,
+                regressor: rms(self.y.column(j).as_slice()),
+                effort: effort_rms,
+            };
             let reason = shown.missing(name, &self.units[j]);
             let known = reason.is_none();
             terms.push(Term {
@@ -260,7 +280,10 @@ impl Evidence {
             _ => "excite it more strongly or record longer",
         };
         (uncertain && (matters || name == "inertia")).then(|| {
-            format!("the motion does not show it apart from the rest ({:.3} ± {:.3} {unit}); {todo}", self.value, self.std)
+            format!(
+                "the motion does not show it apart from the rest ({:.3} ± {:.3} {unit}); {todo}",
+                self.value, self.std
+            )
         })
     }
 }

@@ -40,13 +40,26 @@ impl Effect for RigidBody {
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
         let column = |name, unit: &str, series: &[f64]| -> Result<Column, MotionError> {
             let values = motion.regressor(series)?;
-            Ok(Column { name, unit: unit.to_owned(), bound: Bound::NonNegative, values })
+            Ok(Column {
+                name,
+                unit: unit.to_owned(),
+                bound: Bound::NonNegative,
+                values,
+            })
         };
         let kind = motion.kind;
         Ok(vec![
-            column("inertia", kind.inertia_unit(), &motion.second_derivative(&motion.q_measured))?,
+            column(
+                "inertia",
+                kind.inertia_unit(),
+                &motion.second_derivative(&motion.q_measured),
+            )?,
             column("coulomb", kind.effort_unit(), &motion.sign)?,
-            column("viscous", kind.viscous_unit(), &motion.derivative(&motion.q_measured))?,
+            column(
+                "viscous",
+                kind.viscous_unit(),
+                &motion.derivative(&motion.q_measured),
+            )?,
         ])
     }
 }
@@ -64,6 +77,11 @@ impl Effect for ConstantLoad {
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
         let values = vec![1.0; motion.kept.len()];
-        Ok(vec![Column { name: "load", unit: motion.kind.effort_unit().to_owned(), bound: Bound::Free, values }])
+        Ok(vec![Column {
+            name: "load",
+            unit: motion.kind.effort_unit().to_owned(),
+            bound: Bound::Free,
+            values,
+        }])
     }
 }

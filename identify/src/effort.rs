@@ -48,18 +48,29 @@ pub struct JointEffort {
 #[must_use]
 pub fn kinematic_track(tool: &ToolSamples, held: &[Range<usize>], rate_hz: f64) -> PoseSamples {
     let block = ((1.0 / tool.period / rate_hz).round() as usize).max(1);
-    let mut track = PoseSamples { period: block as f64 * tool.period, ..PoseSamples::default() };
+    let mut track = PoseSamples {
+        period: block as f64 * tool.period,
+        ..PoseSamples::default()
+    };
     for run in held.iter().filter(|run| run.len() >= block) {
         track.starts.push(track.positions.len());
         let mut start = run.start;
         while start + block <= run.end {
             let part = start..start + block;
-            let mean = part.clone().map(|i| tool.position[i].coords).sum::<Vector3<f64>>() / block as f64;
+            let mean = part
+                .clone()
+                .map(|i| tool.position[i].coords)
+                .sum::<Vector3<f64>>()
+                / block as f64;
             let middle = tool.rotation[start + block / 2];
-            let turn =
-                part.map(|i| (tool.rotation[i] * middle.inverse()).scaled_axis()).sum::<Vector3<f64>>() / block as f64;
+            let turn = part
+                .map(|i| (tool.rotation[i] * middle.inverse()).scaled_axis())
+                .sum::<Vector3<f64>>()
+                / block as f64;
             track.positions.push(Point3::from(mean));
-            track.rotations.push(UnitQuaternion::from_scaled_axis(turn) * middle);
+            track
+                .rotations
+                .push(UnitQuaternion::from_scaled_axis(turn) * middle);
             start += block;
         }
     }
@@ -89,15 +100,27 @@ pub fn joint_effort(
     }
     let coordinate = Coordinate::of(tool, &index, &path, &runs, joint, cutoff_hz)?;
     let sense = opening_sign(&coordinate.q);
-    let mut axis = if sense < 0.0 { joint.axis.reversed() } else { joint.axis };
+    let mut axis = if sense < 0.0 {
+        joint.axis.reversed()
+    } else {
+        joint.axis
+    };
     if let Some(first) = path.first() {
         let along = axis.direction.into_inner() * axis.direction.dot(&(first - axis.point));
-        axis.point = if axis.kind == JointKind::Prismatic { *first } else { axis.point + along };
+        axis.point = if axis.kind == JointKind::Prismatic {
+            *first
+        } else {
+            axis.point + along
+        };
     }
     let origin = coordinate.q.first().copied().unwrap_or(0.0);
     let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
     let mut tau = vec![f64::NAN; q.len()];
-    let mut nonwork = NonWork { force_rms_n: f64::NAN, moment_rms_nm: f64::NAN, contact_rms_n: f64::NAN };
+    let mut nonwork = NonWork {
+        force_rms_n: f64::NAN,
+        moment_rms_nm: f64::NAN,
+        contact_rms_n: f64::NAN,
+    };
     if let Some(payload) = payload {
         (tau, nonwork) = work(tool, kinematics, &index, payload, &axis);
     }
@@ -110,7 +133,13 @@ pub fn joint_effort(
         tau,
         noise_of_q: coordinate.noise,
     };
-    Ok(JointEffort { samples, axis, path, nonwork, acceleration_noise: coordinate.acceleration })
+    Ok(JointEffort {
+        samples,
+        axis,
+        path,
+        nonwork,
+        acceleration_noise: coordinate.acceleration,
+    })
 }
 
 /// Effort of each sample, and what does no work.
@@ -124,20 +153,29 @@ fn work(
     let mut tau = Vec::with_capacity(index.len());
     let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
     for &i in index {
-        let [force, torque] = payload.contact(tool, kinematics, i).map(|v| -(kinematics.rotation[i] * v));
+        let [force, torque] = payload
+            .contact(tool, kinematics, i)
+            .map(|v| -(kinematics.rotation[i] * v));
         let tcp = tool.position[i];
         let at_tcp = torque + (sensor_origin(tool, i) - tcp).cross(&force);
         let along = axis.velocity_at(&tcp);
         let direction = axis.direction.into_inner();
-        let turning = if axis.kind == JointKind::Revolute { direction.dot(&at_tcp) } else { 0.0 };
+        let turning = if axis.kind == JointKind::Revolute {
+            direction.dot(&at_tcp)
+        } else {
+            0.0
+        };
         tau.push(turning + along.dot(&force));
         let unit = along.normalize();
         across.push((force - unit * unit.dot(&force)).norm());
         moments.push((at_tcp - direction * turning).norm());
         contact.push(force.norm());
     }
-    let nonwork =
-        NonWork { force_rms_n: rms(&across), moment_rms_nm: rms(&moments), contact_rms_n: rms(&contact) };
+    let nonwork = NonWork {
+        force_rms_n: rms(&across),
+        moment_rms_nm: rms(&moments),
+        contact_rms_n: rms(&contact),
+    };
     (tau, nonwork)
 }
 
@@ -160,28 +198,52 @@ impl Coordinate {
         let direction = axis.direction.into_inner();
         if axis.kind == JointKind::Prismatic {
             let (first, second) = crate::screw::perpendiculars(&axis.direction);
-            let across = |e: Vector3<f64>| path.iter().map(|p| e.dot(&(p - joint.tool_position))).collect::<Vec<f64>>();
+            let across = |e: Vector3<f64>| {
+                path.iter()
+                    .map(|p| e.dot(&(p - joint.tool_position)))
+                    .collect::<Vec<f64>>()
+            };
             let noise = vec![across(first), across(second)];
             let acceleration = mean_noise(&noise, runs, tool.period, cutoff_hz)?;
-            let q = path.iter().map(|p| direction.dot(&(p - joint.tool_position))).collect();
-            return Ok(Self { q, noise, acceleration: [Some(acceleration), None] });
+            let q = path
+                .iter()
+                .map(|p| direction.dot(&(p - joint.tool_position)))
+                .collect();
+            return Ok(Self {
+                q,
+                noise,
+                acceleration: [Some(acceleration), None],
+            });
         }
         let radius = axis.distance(&joint.tool_position).max(1e-3);
         let height = direction.dot(&(joint.tool_position - axis.point));
         let by_position = angles(path, axis);
         let position_noise: Vec<Vec<f64>> = vec![
-            path.iter().map(|p| (direction.dot(&(p - axis.point)) - height) / radius).collect(),
-            path.iter().map(|p| (axis.distance(p) - radius) / radius).collect(),
+            path.iter()
+                .map(|p| (direction.dot(&(p - axis.point)) - height) / radius)
+                .collect(),
+            path.iter()
+                .map(|p| (axis.distance(p) - radius) / radius)
+                .collect(),
         ];
         let from_position = mean_noise(&position_noise, runs, tool.period, cutoff_hz)?;
         if !joint.uses_rotations {
-            return Ok(Self { q: by_position, noise: position_noise, acceleration: [Some(from_position), None] });
+            return Ok(Self {
+                q: by_position,
+                noise: position_noise,
+                acceleration: [Some(from_position), None],
+            });
         }
         let (first, second) = crate::screw::perpendiculars(&axis.direction);
         // Angle of the first position from the joint's origin, so that both angles count from one place.
-        let start = path.first().map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
+        let start = path
+            .first()
+            .map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
         let mut by_rotation = Vec::with_capacity(path.len());
-        let mut tilts = vec![Vec::with_capacity(path.len()), Vec::with_capacity(path.len())];
+        let mut tilts = vec![
+            Vec::with_capacity(path.len()),
+            Vec::with_capacity(path.len()),
+        ];
         for (&i, q) in index.iter().zip(&by_position) {
             let expected = axis.motion(start + q).rotation * joint.tool_rotation;
             let rest = (tool.rotation[i] * expected.inverse()).scaled_axis();
@@ -191,17 +253,30 @@ impl Coordinate {
         }
         let from_rotation = mean_noise(&tilts, runs, tool.period, cutoff_hz)?;
         let share = 1.0 / (1.0 + (from_position / from_rotation.max(1e-12)).powi(2));
-        let mix = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| share * a + (1.0 - share) * b).collect();
+        let mix = |a: &[f64], b: &[f64]| {
+            a.iter()
+                .zip(b)
+                .map(|(a, b)| share * a + (1.0 - share) * b)
+                .collect()
+        };
         Ok(Self {
             q: mix(&by_position, &by_rotation),
-            noise: vec![mix(&position_noise[0], &tilts[0]), mix(&position_noise[1], &tilts[1])],
+            noise: vec![
+                mix(&position_noise[0], &tilts[0]),
+                mix(&position_noise[1], &tilts[1]),
+            ],
             acceleration: [Some(from_position), Some(from_rotation)],
         })
     }
 }
 
 /// Acceleration noise over all series and runs, root mean square.
-fn mean_noise(series: &[Vec<f64>], runs: &[Range<usize>], period: f64, cutoff_hz: f64) -> Result<f64, MotionError> {
+fn mean_noise(
+    series: &[Vec<f64>],
+    runs: &[Range<usize>],
+    period: f64,
+    cutoff_hz: f64,
+) -> Result<f64, MotionError> {
     let (mut sum, mut weight) = (0.0, 0.0);
     for values in series {
         for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {

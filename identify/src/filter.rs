@@ -15,7 +15,9 @@ use core::f64::consts::PI;
 #[non_exhaustive]
 pub enum FilterError {
     /// The cut-off lies outside (0, rate / 2).
-    #[error("cut-off {cutoff_hz} Hz is not between 0 and half the rate of {rate_hz} Hz; choose a lower cut-off")]
+    #[error(
+        "cut-off {cutoff_hz} Hz is not between 0 and half the rate of {rate_hz} Hz; choose a lower cut-off"
+    )]
     Cutoff {
         /// Asked for, Hz.
         cutoff_hz: f64,
@@ -86,18 +88,31 @@ impl LowPass {
     /// # Errors
     /// [`FilterError::Cutoff`], [`FilterError::Order`].
     pub fn butterworth(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
-        Self::from_poles(order, cutoff_hz, rate_hz, 1.0, |angle| (angle.cos(), angle.sin()))
+        Self::from_poles(order, cutoff_hz, rate_hz, 1.0, |angle| {
+            (angle.cos(), angle.sin())
+        })
     }
 
     /// Chebyshev type I of `order` with `ripple_db` in the pass band, which ends at `cutoff_hz`.
     ///
     /// # Errors
     /// [`FilterError::Cutoff`], [`FilterError::Order`].
-    pub fn chebyshev1(order: usize, ripple_db: f64, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
+    pub fn chebyshev1(
+        order: usize,
+        ripple_db: f64,
+        cutoff_hz: f64,
+        rate_hz: f64,
+    ) -> Result<Self, FilterError> {
         let epsilon = (10.0_f64.powf(ripple_db / 10.0) - 1.0).sqrt();
         let mu = (1.0 / epsilon).asinh() / order.max(1) as f64;
-        let gain = if order.is_multiple_of(2) { 10.0_f64.powf(-ripple_db / 20.0) } else { 1.0 };
-        Self::from_poles(order, cutoff_hz, rate_hz, gain, |angle| (mu.sinh() * angle.cos(), mu.cosh() * angle.sin()))
+        let gain = if order.is_multiple_of(2) {
+            10.0_f64.powf(-ripple_db / 20.0)
+        } else {
+            1.0
+        };
+        Self::from_poles(order, cutoff_hz, rate_hz, gain, |angle| {
+            (mu.sinh() * angle.cos(), mu.cosh() * angle.sin())
+        })
     }
 
     /// `pole` gives the prototype pole (cut-off 1 rad/s) of an angle in (pi/2, pi].
@@ -123,27 +138,44 @@ impl LowPass {
             // s = (z - 1) / (z + 1): denominator s^2 - 2 re s + |p|^2.
             let square = re * re + im * im;
             let a0 = 1.0 - 2.0 * re + square;
-            let a = [1.0, 2.0 * (square - 1.0) / a0, (1.0 + 2.0 * re + square) / a0];
+            let a = [
+                1.0,
+                2.0 * (square - 1.0) / a0,
+                (1.0 + 2.0 * re + square) / a0,
+            ];
             let unit = (a[0] + a[1] + a[2]) / 4.0;
-            sections.push(Section { b: [unit, 2.0 * unit, unit], a });
+            sections.push(Section {
+                b: [unit, 2.0 * unit, unit],
+                a,
+            });
         }
         if !order.is_multiple_of(2) {
             let (re, _) = pole(PI);
             let re = re * warped;
             let a1 = (-1.0 - re) / (1.0 - re);
             let unit = (1.0 + a1) / 2.0;
-            sections.push(Section { b: [unit, unit, 0.0], a: [1.0, a1, 0.0] });
+            sections.push(Section {
+                b: [unit, unit, 0.0],
+                a: [1.0, a1, 0.0],
+            });
         }
         if let Some(first) = sections.first_mut() {
             first.b = first.b.map(|b| b * gain);
         }
-        Ok(Self { sections, cutoff: cutoff_hz / rate_hz })
+        Ok(Self {
+            sections,
+            cutoff: cutoff_hz / rate_hz,
+        })
     }
 
     /// Samples by which each end is extended, as scipy chooses them.
     #[must_use]
     pub fn edge_samples(&self) -> usize {
-        let first_order = self.sections.iter().filter(|section| section.b[2] == 0.0).count();
+        let first_order = self
+            .sections
+            .iter()
+            .filter(|section| section.b[2] == 0.0)
+            .count();
         3 * (2 * self.sections.len() + 1 - first_order)
     }
 
@@ -161,14 +193,20 @@ impl LowPass {
     /// # Errors
     /// [`FilterError::TooShort`].
     pub fn zero_phase_settled(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
-        let pad = ((3.0 / self.cutoff) as usize).clamp(self.edge_samples(), series.len().max(self.edge_samples() + 1) - 1);
+        let pad = ((3.0 / self.cutoff) as usize).clamp(
+            self.edge_samples(),
+            series.len().max(self.edge_samples() + 1) - 1,
+        );
         self.zero_phase_extended(series, pad)
     }
 
     fn zero_phase_extended(&self, series: &[f64], pad: usize) -> Result<Vec<f64>, FilterError> {
         let count = series.len();
         if count <= pad {
-            return Err(FilterError::TooShort { got: count, needed: pad });
+            return Err(FilterError::TooShort {
+                got: count,
+                needed: pad,
+            });
         }
         let (first, last) = (series[0], series[count - 1]);
         let mut extended = Vec::with_capacity(count + 2 * pad);
@@ -202,7 +240,10 @@ impl LowPass {
             let im = c[1] * angle.sin() + c[2] * (2.0 * angle).sin();
             re.hypot(im)
         };
-        self.sections.iter().map(|section| magnitude(&section.b) / magnitude(&section.a)).product()
+        self.sections
+            .iter()
+            .map(|section| magnitude(&section.b) / magnitude(&section.a))
+            .product()
     }
 }
 
@@ -216,7 +257,11 @@ pub fn decimate(series: &[f64], factor: usize) -> Result<Vec<f64>, FilterError> 
         return Ok(series.to_vec());
     }
     let filter = LowPass::chebyshev1(8, 0.05, 0.8 / factor as f64, 2.0)?;
-    Ok(filter.zero_phase(series)?.into_iter().step_by(factor).collect())
+    Ok(filter
+        .zero_phase(series)?
+        .into_iter()
+        .step_by(factor)
+        .collect())
 }
 
 #[cfg(test)]

@@ -43,12 +43,21 @@ impl Grasp {
         let end = tool.time.last().copied()?;
         let named = |name: &'static str| times_of(tool, &recording.marks, name);
         let releases = named("release");
-        let release_after = |t: f64| releases.iter().copied().find(|r| *r > t).unwrap_or(f64::INFINITY);
+        let release_after = |t: f64| {
+            releases
+                .iter()
+                .copied()
+                .find(|r| *r > t)
+                .unwrap_or(f64::INFINITY)
+        };
         let (grasp, release) = named("grasp")
             .into_iter()
             .map(|t| (t, release_after(t)))
             .max_by(|a, b| (a.1.min(end) - a.0).total_cmp(&(b.1.min(end) - b.0)))?;
-        let begin = named("free_air_begin").into_iter().rfind(|t| *t < grasp).unwrap_or(f64::NEG_INFINITY);
+        let begin = named("free_air_begin")
+            .into_iter()
+            .rfind(|t| *t < grasp)
+            .unwrap_or(f64::NEG_INFINITY);
         Some(Self {
             source: GraspSource::Marks,
             held: tool.runs_within(grasp + MARGIN_S, release - MARGIN_S),
@@ -59,13 +68,20 @@ impl Grasp {
 
     /// From the contact force with a calibrated tool: from the first to the last time it passes 2 N.
     #[must_use]
-    pub fn from_wrench(tool: &ToolSamples, kinematics: &ToolKinematics, payload: &Payload) -> Option<Self> {
+    pub fn from_wrench(
+        tool: &ToolSamples,
+        kinematics: &ToolKinematics,
+        payload: &Payload,
+    ) -> Option<Self> {
         let window = ((0.1 / tool.period) as usize).max(1);
         let mut touching = Vec::new();
         for run in &tool.runs {
             for start in run.clone().step_by(window) {
                 let part = start..(start + window).min(run.end);
-                let mean = part.clone().map(|i| payload.contact(tool, kinematics, i)[0].norm()).sum::<f64>();
+                let mean = part
+                    .clone()
+                    .map(|i| payload.contact(tool, kinematics, i)[0].norm())
+                    .sum::<f64>();
                 if mean / part.len() as f64 > 2.0 {
                     touching.push(tool.time[start]);
                 }
@@ -93,5 +109,9 @@ impl Grasp {
 }
 
 fn times_of(tool: &ToolSamples, marks: &[Stamped<String>], name: &str) -> Vec<f64> {
-    marks.iter().filter(|mark| mark.value.trim().eq_ignore_ascii_case(name)).map(|mark| tool.seconds(mark.at)).collect()
+    marks
+        .iter()
+        .filter(|mark| mark.value.trim().eq_ignore_ascii_case(name))
+        .map(|mark| tool.seconds(mark.at))
+        .collect()
 }

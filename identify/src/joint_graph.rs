@@ -22,6 +22,7 @@
 //! and the covariance is inflated by the number of samples that the correlated residual is worth.
 
 mod chain;
+mod frame;
 mod noise;
 
 pub use noise::Wander;
@@ -33,6 +34,7 @@ use crate::motion::strokes;
 use crate::samples::extrema;
 use crate::screw::{Candidates, JointKind, PoseSamples, ScrewAxis, perpendiculars};
 use chain::{Linearized, Step};
+use frame::Frame;
 
 /// Number of geometry parameters: tilt 2, shift 2, grasp position 2, grasp rotation 3.
 const GEOMETRY: usize = 9;
@@ -82,13 +84,18 @@ pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
     let uses_rotations = chosen.orientation_agrees && track.has_rotations();
     let mut state = State::start(track, chosen, uses_rotations);
     let repeated = state.strokes() >= MIN_STROKES;
-    let mut noise = [Wander::start(1e-3, track.period), Wander::start(5e-3, track.period)];
+    let mut noise = [
+        Wander::start(1e-3, track.period),
+        Wander::start(5e-3, track.period),
+    ];
     let mut last = None;
     for _ in 0..4 {
         noise = if repeated {
             state.estimate_noise(track, uses_rotations, noise)
         } else {
-            state.across(track, uses_rotations).map(|series| Wander::none(&series))
+            state
+                .across(track, uses_rotations)
+                .map(|series| Wander::none(&series))
         };
         let mut cost = f64::INFINITY;
         for _ in 0..12 {
@@ -115,16 +122,29 @@ impl State {
     fn start(track: &PoseSamples, chosen: &Candidates, uses_rotations: bool) -> Self {
         let mut axis = chosen.axis;
         let count = track.positions.len();
-        let middle = track.positions.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count.max(1) as f64;
+        let middle = track
+            .positions
+            .iter()
+            .map(|p| p.coords)
+            .sum::<Vector3<f64>>()
+            / count.max(1) as f64;
         let along = axis.direction.into_inner() * axis.direction.dot(&(middle - axis.point.coords));
         if axis.kind == JointKind::Revolute {
             axis.point += along;
         }
-        let first = track.positions.first().copied().unwrap_or_else(Point3::origin);
+        let first = track
+            .positions
+            .first()
+            .copied()
+            .unwrap_or_else(Point3::origin);
         let (q, p0) = match axis.kind {
             JointKind::Prismatic => {
                 let q0 = axis.direction.dot(&(first - axis.point));
-                let q = track.positions.iter().map(|p| axis.direction.dot(&(p - axis.point)) - q0).collect();
+                let q = track
+                    .positions
+                    .iter()
+                    .map(|p| axis.direction.dot(&(p - axis.point)) - q0)
+                    .collect();
                 (q, axis.point + axis.direction.into_inner() * q0)
             }
             JointKind::Revolute => {
@@ -132,12 +152,19 @@ impl State {
                 let height = axis.direction.dot(&arm);
                 let flat = arm - axis.direction.into_inner() * height;
                 let level = axis.direction.dot(&(Point3::from(middle) - axis.point));
-                let p0 = axis.point + flat.normalize() * chosen.radius + axis.direction.into_inner() * level;
+                let p0 = axis.point
+                    + flat.normalize() * chosen.radius
+                    + axis.direction.into_inner() * level;
                 (crate::screw::angles(&track.positions, &axis), p0)
             }
         };
-        let mut state =
-            Self { axis, p0, r0: UnitQuaternion::identity(), q, wander: vec![[Vector3::zeros(); 2]; count] };
+        let mut state = Self {
+            axis,
+            p0,
+            r0: UnitQuaternion::identity(),
+            q,
+            wander: vec![[Vector3::zeros(); 2]; count],
+        };
         if uses_rotations {
             let grasp: Vec<UnitQuaternion<f64>> = track
                 .rotations
@@ -152,7 +179,9 @@ impl State {
 
     fn strokes(&self) -> usize {
         let (low, high) = extrema(&self.q);
-        strokes(&[0..self.q.len()], &self.q, 0.1 * (high - low)).last().map_or(0, |last| last + 1)
+        strokes(&[0..self.q.len()], &self.q, 0.1 * (high - low))
+            .last()
+            .map_or(0, |last| last + 1)
     }
 
     /// Position and rotation left over at sample `i`, wander included.
@@ -179,7 +208,10 @@ impl State {
                 JointKind::Revolute => {
                     let path = self.axis.motion(self.q[i]) * self.p0;
                     let along = self.axis.velocity_at(&path).normalize();
-                    (self.axis.direction.into_inner(), along.cross(&self.axis.direction))
+                    (
+                        self.axis.direction.into_inner(),
+                        along.cross(&self.axis.direction),
+                    )
                 }
             };
             position[0].push(p.dot(&a));
@@ -190,7 +222,12 @@ impl State {
         [position, rotation]
     }
 
-    fn estimate_noise(&self, track: &PoseSamples, uses_rotations: bool, before: [Wander; 2]) -> [Wander; 2] {
+    fn estimate_noise(
+        &self,
+        track: &PoseSamples,
+        uses_rotations: bool,
+        before: [Wander; 2],
+    ) -> [Wander; 2] {
         let [position, rotation] = self.across(track, uses_rotations);
         let position = Wander::estimate(&position, track, 1e-6).unwrap_or(before[0]);
         let rotation = if uses_rotations {
@@ -201,7 +238,12 @@ impl State {
         [position, rotation]
     }
 
-    fn linearize(&self, track: &PoseSamples, uses_rotations: bool, noise: &[Wander; 2]) -> Linearized {
+    fn linearize(
+        &self,
+        track: &PoseSamples,
+        uses_rotations: bool,
+        noise: &[Wander; 2],
+    ) -> Linearized {
         let active = match (self.axis.kind, uses_rotations) {
             (JointKind::Revolute, true) => vec![0, 1, 2, 3, 4, 5, 6, 7, 8],
             (JointKind::Revolute, false) => vec![0, 1, 2, 3, 4, 5],
@@ -217,7 +259,14 @@ impl State {
                 let residual = leftover[part] - self.wander[i][part];
                 let ignored = (part == 1 && self.axis.kind == JointKind::Revolute)
                     .then(|| self.axis.direction.into_inner());
-                linear.measure(i, part, &jacobians[part], residual, noise[part].white, ignored);
+                linear.measure(
+                    i,
+                    part,
+                    &jacobians[part],
+                    residual,
+                    noise[part].white,
+                    ignored,
+                );
             }
             for (part, noise) in noise.iter().enumerate() {
                 let before = track.follows(i).then(|| self.wander[i - 1][part]);
@@ -271,14 +320,19 @@ impl State {
             // The noise model is an estimate: never claim more than the residuals bear out.
             let mut inflation = (cost / step.freedom.max(1.0)).max(1.0);
             if !repeated {
-                let worth = position.iter().map(|series| effective_count(series)).fold(f64::INFINITY, f64::min);
+                let worth = position
+                    .iter()
+                    .map(|series| effective_count(series))
+                    .fold(f64::INFINITY, f64::min);
                 inflation *= (track.positions.len() as f64 / worth).max(1.0);
             }
             covariance = step.covariance.view((0, 0), (4, 4)) * inflation;
         }
         let variance = |i: usize| covariance[(i, i)].max(0.0);
-        let (direction_std, mut position_std) =
-            ((variance(0) + variance(1)).sqrt(), (variance(2) + variance(3)).sqrt());
+        let (direction_std, mut position_std) = (
+            (variance(0) + variance(1)).sqrt(),
+            (variance(2) + variance(3)).sqrt(),
+        );
         if self.axis.kind == JointKind::Prismatic {
             position_std = 0.0;
         }
@@ -300,63 +354,6 @@ impl State {
             position_noise: noise[0],
             rotation_noise: noise[1],
         }
-    }
-}
-
-/// Directions of the geometry parameters at the current estimate.
-struct Frame {
-    first: Vector3<f64>,
-    second: Vector3<f64>,
-    grasp: [Vector3<f64>; 2],
-}
-
-impl Frame {
-    fn new(state: &State) -> Self {
-        let (first, second) = perpendiculars(&state.axis.direction);
-        let grasp = match state.axis.kind {
-            JointKind::Prismatic => [first, second],
-            JointKind::Revolute => {
-                let arm = state.p0 - state.axis.point;
-                let direction = state.axis.direction.into_inner();
-                [(arm - direction * direction.dot(&arm)).normalize(), direction]
-            }
-        };
-        Self { first, second, grasp }
-    }
-
-    /// Derivatives of predicted position and rotation (left perturbation) by [q, geometry...], as columns.
-    fn jacobians(&self, state: &State, q: f64) -> [[Vector3<f64>; GEOMETRY + 1]; 2] {
-        let zero = Vector3::zeros();
-        let mut position = [zero; GEOMETRY + 1];
-        let mut rotation = [zero; GEOMETRY + 1];
-        let direction = state.axis.direction.into_inner();
-        let turn = state.axis.motion(q).rotation;
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        match state.axis.kind {
-            JointKind::Prismatic => {
-                position[0] = direction;
-                position[1] = self.first.cross(&direction) * q;
-                position[2] = self.second.cross(&direction) * q;
-            }
-            JointKind::Revolute => {
-                let arm = state.p0 - state.axis.point;
-                let turned = turn * arm;
-                position[0] = direction.cross(&turned);
-                rotation[0] = direction;
-                for (k, e) in [self.first, self.second].into_iter().enumerate() {
-                    position[1 + k] = e.cross(&turned) - turn * e.cross(&arm);
-                    rotation[1 + k] = e - turn * e;
-                    position[3 + k] = e - turn * e;
-                }
-            }
-        }
-        for k in 0..2 {
-            position[5 + k] = turn * self.grasp[k];
-        }
-        for (k, e) in axes.into_iter().enumerate() {
-            rotation[7 + k] = turn * e;
-        }
-        [position, rotation]
     }
 }
 

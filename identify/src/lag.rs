@@ -27,13 +27,20 @@ const RANGE_S: f64 = 0.06;
 ///
 /// # Errors
 /// When the motion cannot be filtered.
-pub fn scan(motion: &Motion, y: &DMatrix<f64>, mut gram: DMatrix<f64>) -> Result<Option<Lag>, MotionError> {
+pub fn scan(
+    motion: &Motion,
+    y: &DMatrix<f64>,
+    mut gram: DMatrix<f64>,
+) -> Result<Option<Lag>, MotionError> {
     let tau = motion.filtered(&motion.tau)?;
     let steps = (RANGE_S / motion.period).round().max(2.0) as isize;
     let inside: Vec<usize> = (0..motion.kept.len())
         .filter(|&k| {
             let i = motion.kept[k] as isize;
-            motion.runs.iter().any(|run| i - steps >= run.start as isize && i + steps < run.end as isize)
+            motion
+                .runs
+                .iter()
+                .any(|run| i - steps >= run.start as isize && i + steps < run.end as isize)
         })
         .collect();
     if inside.len() < 60 {
@@ -44,17 +51,25 @@ pub fn scan(motion: &Motion, y: &DMatrix<f64>, mut gram: DMatrix<f64>) -> Result
         gram[(j, j)] *= 1.0 + 1e-9;
         gram[(j, j)] += 1e-12;
     }
-    let Some(factor) = gram.cholesky() else { return Ok(None) };
+    let Some(factor) = gram.cholesky() else {
+        return Ok(None);
+    };
     let residual = |shift: isize| {
         let target = DVector::from_iterator(
             inside.len(),
-            inside.iter().map(|&k| tau[(motion.kept[k] as isize + shift) as usize]),
+            inside
+                .iter()
+                .map(|&k| tau[(motion.kept[k] as isize + shift) as usize]),
         );
         let theta = factor.solve(&(y.transpose() * &target));
         target - &y * theta
     };
-    let sums: Vec<f64> = (-steps..=steps).map(|shift| residual(shift).norm_squared()).collect();
-    let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else { return Ok(None) };
+    let sums: Vec<f64> = (-steps..=steps)
+        .map(|shift| residual(shift).norm_squared())
+        .collect();
+    let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else {
+        return Ok(None);
+    };
     if best == 0 || best + 1 == sums.len() {
         return Ok(None);
     }
@@ -64,5 +79,9 @@ pub fn scan(motion: &Motion, y: &DMatrix<f64>, mut gram: DMatrix<f64>) -> Result
     let variance = sums[best] / effective_count(left.as_slice()).max(1.0);
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
-    Ok((value_s.is_finite() && std_s.is_finite()).then_some(Lag { value_s, std_s, applied: false }))
+    Ok((value_s.is_finite() && std_s.is_finite()).then_some(Lag {
+        value_s,
+        std_s,
+        applied: false,
+    }))
 }

@@ -14,7 +14,9 @@ use nalgebra::{DMatrix, DVector};
 #[non_exhaustive]
 pub enum FitError {
     /// Fewer samples than the fit needs.
-    #[error("{samples} samples left for {params} parameters, need at least {needed}; record longer or move more")]
+    #[error(
+        "{samples} samples left for {params} parameters, need at least {needed}; record longer or move more"
+    )]
     TooFewSamples {
         /// Samples there.
         samples: usize,
@@ -24,7 +26,9 @@ pub enum FitError {
         needed: usize,
     },
     /// Some combination of the parameters leaves no trace in the data.
-    #[error("the motion shows {rank} of {params} parameters apart; add strokes of other speeds and accelerations")]
+    #[error(
+        "the motion shows {rank} of {params} parameters apart; add strokes of other speeds and accelerations"
+    )]
     RankDeficient {
         /// Numerical rank.
         rank: usize,
@@ -89,7 +93,11 @@ pub fn rms(series: &[f64]) -> f64 {
 ///
 /// # Errors
 /// [`FitError`], each of its variants.
-pub fn least_squares(regressor: &DMatrix<f64>, tau: &DVector<f64>, tolerance: f64) -> Result<LinearFit, FitError> {
+pub fn least_squares(
+    regressor: &DMatrix<f64>,
+    tau: &DVector<f64>,
+    tolerance: f64,
+) -> Result<LinearFit, FitError> {
     let free = vec![Bound::Free; regressor.ncols()];
     bounded_least_squares(regressor, tau, &free, tolerance)
 }
@@ -119,15 +127,18 @@ pub fn bounded_least_squares(
     let right = scaled.transpose() * tau;
     let solution = bounded_quadratic(&gram, &right, bounds, None);
     let residual = tau - &scaled * &solution;
-    let at_bound: Vec<bool> =
-        (0..params).map(|j| bounds.get(j) == Some(&Bound::NonNegative) && solution[j] == 0.0).collect();
+    let at_bound: Vec<bool> = (0..params)
+        .map(|j| bounds.get(j) == Some(&Bound::NonNegative) && solution[j] == 0.0)
+        .collect();
     let effective = effective_count(residual.as_slice());
     let freedom = (effective - params as f64).max(1.0);
     let variance = residual.norm_squared() / samples as f64 * (samples as f64 / freedom);
     let covariance = covariance_of_free(&gram, &at_bound) * variance;
     Ok(LinearFit {
         theta: DVector::from_fn(params, |j, _| solution[j] / scale[j]),
-        covariance: DMatrix::from_fn(params, params, |i, j| covariance[(i, j)] / (scale[i] * scale[j])),
+        covariance: DMatrix::from_fn(params, params, |i, j| {
+            covariance[(i, j)] / (scale[i] * scale[j])
+        }),
         residual,
         rank,
         condition,
@@ -138,12 +149,20 @@ pub fn bounded_least_squares(
 fn check(regressor: &DMatrix<f64>, tau: &DVector<f64>) -> Result<(), FitError> {
     let (samples, params) = regressor.shape();
     if samples != tau.len() {
-        return Err(FitError::Shape { rows: samples, samples: tau.len() });
+        return Err(FitError::Shape {
+            rows: samples,
+            samples: tau.len(),
+        });
     }
     if samples <= params {
-        return Err(FitError::TooFewSamples { samples, params, needed: params + 1 });
+        return Err(FitError::TooFewSamples {
+            samples,
+            params,
+            needed: params + 1,
+        });
     }
-    let bad = (0..samples).find(|i| !(tau[*i].is_finite() && regressor.row(*i).iter().all(|v| v.is_finite())));
+    let bad = (0..samples)
+        .find(|i| !(tau[*i].is_finite() && regressor.row(*i).iter().all(|v| v.is_finite())));
     bad.map_or(Ok(()), |row| Err(FitError::NotFinite { row }))
 }
 
@@ -151,8 +170,18 @@ fn check(regressor: &DMatrix<f64>, tau: &DVector<f64>) -> Result<(), FitError> {
 fn rank_and_condition(scaled: &DMatrix<f64>, tolerance: f64) -> (usize, f64) {
     let singular = scaled.clone().qr().r().singular_values();
     let (largest, smallest) = (singular.max(), singular.min());
-    let rank = singular.iter().filter(|s| **s > tolerance * largest && **s > 0.0).count();
-    (rank, if smallest > 0.0 { largest / smallest } else { f64::INFINITY })
+    let rank = singular
+        .iter()
+        .filter(|s| **s > tolerance * largest && **s > 0.0)
+        .count();
+    (
+        rank,
+        if smallest > 0.0 {
+            largest / smallest
+        } else {
+            f64::INFINITY
+        },
+    )
 }
 
 /// Inverse of the normal matrix over the parameters that are not at a bound; zero elsewhere.
@@ -160,7 +189,12 @@ pub(crate) fn covariance_of_free(gram: &DMatrix<f64>, at_bound: &[bool]) -> DMat
     let free: Vec<usize> = (0..gram.ncols()).filter(|j| !at_bound[*j]).collect();
     let mut full = DMatrix::zeros(gram.nrows(), gram.ncols());
     let part = DMatrix::from_fn(free.len(), free.len(), |i, j| gram[(free[i], free[j])]);
-    let Some(inverse) = part.clone().cholesky().map(|c| c.inverse()).or_else(|| part.pseudo_inverse(1e-12).ok()) else {
+    let Some(inverse) = part
+        .clone()
+        .cholesky()
+        .map(|c| c.inverse())
+        .or_else(|| part.pseudo_inverse(1e-12).ok())
+    else {
         return full;
     };
     for (i, &row) in free.iter().enumerate() {
@@ -190,7 +224,12 @@ pub fn effective_count(series: &[f64]) -> f64 {
     }
     let mut time = 1.0;
     for lag in 1..n / 4 {
-        let rho = centred.iter().zip(&centred[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
+        let rho = centred
+            .iter()
+            .zip(&centred[lag..])
+            .map(|(a, b)| a * b)
+            .sum::<f64>()
+            / power;
         if rho < 0.05 {
             break;
         }
@@ -224,21 +263,37 @@ mod tests {
         let y = DMatrix::from_fn(6, 2, |i, j| if j == 0 { 1.0 } else { i as f64 });
         let mut tau = DVector::from_element(6, 1.0);
         assert_eq!(
-            least_squares(&y.rows(0, 2).into_owned(), &tau.rows(0, 2).into_owned(), 1e-9),
-            Err(FitError::TooFewSamples { samples: 2, params: 2, needed: 3 })
+            least_squares(
+                &y.rows(0, 2).into_owned(),
+                &tau.rows(0, 2).into_owned(),
+                1e-9
+            ),
+            Err(FitError::TooFewSamples {
+                samples: 2,
+                params: 2,
+                needed: 3
+            })
         );
         assert_eq!(
             least_squares(&y, &tau.rows(0, 4).into_owned(), 1e-9),
-            Err(FitError::Shape { rows: 6, samples: 4 })
+            Err(FitError::Shape {
+                rows: 6,
+                samples: 4
+            })
         );
         tau[3] = f64::NAN;
-        assert_eq!(least_squares(&y, &tau, 1e-9), Err(FitError::NotFinite { row: 3 }));
+        assert_eq!(
+            least_squares(&y, &tau, 1e-9),
+            Err(FitError::NotFinite { row: 3 })
+        );
     }
 
     #[test]
     fn white_noise_scatters_estimates_as_the_covariance_says() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let y = DMatrix::from_fn(300, 3, |i, j| ((i as f64) * 0.1 * (j + 1) as f64).sin() + 0.3);
+        let y = DMatrix::from_fn(300, 3, |i, j| {
+            ((i as f64) * 0.1 * (j + 1) as f64).sin() + 0.3
+        });
         let truth = DVector::from_vec(vec![1.0, -2.0, 0.5]);
         let mut inside = 0;
         for _ in 0..200 {

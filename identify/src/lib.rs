@@ -8,6 +8,8 @@
 //! Everything after `effort` sees a joint coordinate and a generalized effort only ([`JointSamples`]), so tables of
 //! position and effort run through the same code as recordings.
 #![forbid(unsafe_code)]
+// A series is cut into runs, and often into one.
+#![allow(clippy::single_range_in_vec_init)]
 
 pub mod analysis;
 pub mod dynamics;

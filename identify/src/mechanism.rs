@@ -60,7 +60,12 @@ impl SplineMechanism {
         let (low, high) = extrema(&q);
         let load = Basis::new(low, high, LOAD_PIECES, 3);
         let damping_q = Basis::new(low, high, DAMPING_PIECES, 2);
-        let damping_speed = Basis::new(0.0, quantile(&speed, 0.98).max(1e-9).sqrt(), SPEED_PIECES, 1);
+        let damping_speed = Basis::new(
+            0.0,
+            quantile(&speed, 0.98).max(1e-9).sqrt(),
+            SPEED_PIECES,
+            1,
+        );
         let zeros = vec![0.0; damping_q.len() * damping_speed.len()];
         let (slowest, fastest) = extrema(&dq);
         Self {
@@ -69,7 +74,10 @@ impl SplineMechanism {
             damping_q,
             damping_speed,
             damping_coefficients: [zeros.clone(), zeros],
-            domain: Domain { q: [low, high], dq: [slowest, fastest] },
+            domain: Domain {
+                q: [low, high],
+                dq: [slowest, fastest],
+            },
         }
     }
 
@@ -95,12 +103,19 @@ impl SplineMechanism {
     #[must_use]
     pub fn damping(&self, q: f64, dq: f64) -> f64 {
         let coefficients = &self.damping_coefficients[usize::from(dq < 0.0)];
-        self.tensor(q, dq.abs()).map(|(index, value)| coefficients[index] * value).sum()
+        self.tensor(q, dq.abs())
+            .map(|(index, value)| coefficients[index] * value)
+            .sum()
     }
 
     /// Moves the constant part of the damping out of the mechanism and gives it, to be added to viscous friction.
     pub fn take_common_damping(&mut self) -> f64 {
-        let common = self.damping_coefficients.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        let common = self
+            .damping_coefficients
+            .iter()
+            .flatten()
+            .copied()
+            .fold(f64::INFINITY, f64::min);
         for coefficient in self.damping_coefficients.iter_mut().flatten() {
             *coefficient -= common;
         }
@@ -144,8 +159,7 @@ impl SplineMechanism {
         let mut out = DMatrix::zeros(motion.kept.len(), self.len());
         let mut raw = vec![vec![0.0; count]; self.len()];
         let surface = self.damping_coefficients[0].len();
-        for i in 0..count {
-            let (q, dq) = (motion.q[i], motion.dq[i]);
+        for (i, (&q, &dq)) in motion.q.iter().zip(&motion.dq).enumerate() {
             let (first, values) = self.load.evaluate(q);
             for (j, value) in values.iter().take(self.load.degree() + 1).enumerate() {
                 raw[first + j][i] = *value;
@@ -156,7 +170,8 @@ impl SplineMechanism {
             }
         }
         for (j, series) in raw.into_iter().enumerate() {
-            out.column_mut(j).copy_from_slice(&motion.regressor(&series)?);
+            out.column_mut(j)
+                .copy_from_slice(&motion.regressor(&series)?);
         }
         Ok(out)
     }
@@ -167,7 +182,8 @@ impl SplineMechanism {
     pub fn penalties(&self) -> [DMatrix<f64>; 3] {
         let total = self.len();
         let mut load = DMatrix::zeros(total, total);
-        load.view_mut((0, 0), (self.load.len(), self.load.len())).copy_from(&self.load.penalty(2));
+        load.view_mut((0, 0), (self.load.len(), self.load.len()))
+            .copy_from(&self.load.penalty(2));
         let (in_q, in_speed) = (self.damping_q.penalty(2), self.damping_speed.penalty(1));
         let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
         let one = |n: usize| DMatrix::<f64>::identity(n, n);
@@ -175,7 +191,8 @@ impl SplineMechanism {
             let mut full = DMatrix::zeros(total, total);
             for direction in 0..2 {
                 let at = self.load.len() + direction * nq * nv;
-                full.view_mut((at, at), (nq * nv, nq * nv)).copy_from(&block);
+                full.view_mut((at, at), (nq * nv, nq * nv))
+                    .copy_from(&block);
             }
             full
         };
@@ -189,7 +206,11 @@ impl SplineMechanism {
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {
         let (first_q, in_q) = self.damping_q.evaluate(q);
         let (first_speed, in_speed) = self.damping_speed.evaluate(speed.sqrt());
-        let (dq, dv, nv) = (self.damping_q.degree() + 1, self.damping_speed.degree() + 1, self.damping_speed.len());
+        let (dq, dv, nv) = (
+            self.damping_q.degree() + 1,
+            self.damping_speed.degree() + 1,
+            self.damping_speed.len(),
+        );
         (0..dq * dv).map(move |k| {
             let (i, j) = (k / dv, k % dv);
             ((first_q + i) * nv + first_speed + j, in_q[i] * in_speed[j])
@@ -233,12 +254,25 @@ mod tests {
     fn the_regressor_is_the_effort_by_coefficient() {
         let motion = motion();
         let mut mechanism = SplineMechanism::over(&motion);
-        let coefficients: Vec<f64> = (0..mechanism.len()).map(|j| ((j * 7) % 5) as f64 * 0.3).collect();
+        let coefficients: Vec<f64> = (0..mechanism.len())
+            .map(|j| ((j * 7) % 5) as f64 * 0.3)
+            .collect();
         mechanism.set(&coefficients);
-        let by_column = mechanism.regressor(&motion).unwrap() * nalgebra::DVector::from_vec(coefficients);
-        let direct: Vec<f64> = motion.q.iter().zip(&motion.dq).map(|(q, dq)| mechanism.effort(*q, *dq)).collect();
+        let by_column =
+            mechanism.regressor(&motion).unwrap() * nalgebra::DVector::from_vec(coefficients);
+        let direct: Vec<f64> = motion
+            .q
+            .iter()
+            .zip(&motion.dq)
+            .map(|(q, dq)| mechanism.effort(*q, *dq))
+            .collect();
         let direct = motion.regressor(&direct).unwrap();
-        assert!(by_column.iter().zip(&direct).all(|(a, b)| (a - b).abs() < 1e-9));
+        assert!(
+            by_column
+                .iter()
+                .zip(&direct)
+                .all(|(a, b)| (a - b).abs() < 1e-9)
+        );
     }
 
     #[test]

@@ -33,7 +33,11 @@ pub struct MotionSettings {
 impl Default for MotionSettings {
     /// 6 Hz, order 4: hands reach about 5 Hz, and tracker noise grows with the fifth power of the cut-off.
     fn default() -> Self {
-        Self { cutoff_hz: 6.0, order: 4, work_rate_hz: 200.0 }
+        Self {
+            cutoff_hz: 6.0,
+            order: 4,
+            work_rate_hz: 200.0,
+        }
     }
 }
 
@@ -42,7 +46,9 @@ impl Default for MotionSettings {
 #[non_exhaustive]
 pub enum MotionError {
     /// Less motion than a fit needs.
-    #[error("{got_s:.1} s without a gap is too short, need at least {needed_s:.0} s; record longer")]
+    #[error(
+        "{got_s:.1} s without a gap is too short, need at least {needed_s:.0} s; record longer"
+    )]
     TooShort {
         /// Longest gapless run, s.
         got_s: f64,
@@ -50,7 +56,9 @@ pub enum MotionError {
         needed_s: f64,
     },
     /// The joint stands still.
-    #[error("the joint never moves: q stays within {range:.4} {unit}; open and close it while recording")]
+    #[error(
+        "the joint never moves: q stays within {range:.4} {unit}; open and close it while recording"
+    )]
     NeverMoves {
         /// Range of the coordinate.
         range: f64,
@@ -120,23 +128,45 @@ impl Motion {
         let factor = (rate / settings.work_rate_hz).round().max(1.0) as usize;
         let work_rate = rate / factor as f64;
         let cutoff = settings.cutoff_hz.min(work_rate / 6.0);
-        let mut work = Work { factor, rate, ..Work::default() };
-        let longest = samples.runs.iter().map(Range::len).max().unwrap_or(0) as f64 * samples.period;
+        let mut work = Work {
+            factor,
+            rate,
+            ..Work::default()
+        };
+        let longest =
+            samples.runs.iter().map(Range::len).max().unwrap_or(0) as f64 * samples.period;
         if longest < MIN_MOTION_S {
-            return Err(MotionError::TooShort { got_s: longest, needed_s: MIN_MOTION_S });
+            return Err(MotionError::TooShort {
+                got_s: longest,
+                needed_s: MIN_MOTION_S,
+            });
         }
         work.noise = vec![Vec::new(); samples.noise_of_q.len()];
-        for run in samples.runs.iter().filter(|run| run.len() as f64 * samples.period >= MIN_RUN_S) {
+        for run in samples
+            .runs
+            .iter()
+            .filter(|run| run.len() as f64 * samples.period >= MIN_RUN_S)
+        {
             work.append(samples, run.clone())?;
         }
         let period = 1.0 / work_rate;
         let range = quantile(&work.q, 0.99) - quantile(&work.q, 0.01);
-        let smallest = if samples.kind == JointKind::Revolute { 0.02 } else { 0.01 };
+        let smallest = if samples.kind == JointKind::Revolute {
+            0.02
+        } else {
+            0.01
+        };
         if range < smallest {
-            return Err(MotionError::NeverMoves { range, unit: samples.kind.position_unit() });
+            return Err(MotionError::NeverMoves {
+                range,
+                unit: samples.kind.position_unit(),
+            });
         }
-        let smooth_filter = LowPass::butterworth(4, (2.0 * cutoff).min(0.4 * work_rate), work_rate)?;
-        let q = by_run(&work.runs, &work.q, |part| smooth_filter.zero_phase_settled(part))?;
+        let smooth_filter =
+            LowPass::butterworth(4, (2.0 * cutoff).min(0.4 * work_rate), work_rate)?;
+        let q = by_run(&work.runs, &work.q, |part| {
+            smooth_filter.zero_phase_settled(part)
+        })?;
         let dq = by_run(&work.runs, &q, |part| Ok(first_derivative(part, period)))?;
         let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
         let mut motion = Self {
@@ -159,7 +189,10 @@ impl Motion {
         };
         let total = gate::apply(&mut motion, cutoff);
         if motion.kept.len() < MIN_KEPT {
-            return Err(MotionError::AllGated { kept: motion.kept.len(), total });
+            return Err(MotionError::AllGated {
+                kept: motion.kept.len(),
+                total,
+            });
         }
         Ok(motion)
     }
@@ -169,7 +202,10 @@ impl Motion {
     /// # Errors
     /// [`MotionError::Filter`] when the length differs from the motion's.
     pub fn filtered(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
-        by_run(&self.runs, series, |part| self.filter.zero_phase_settled(part)).map_err(MotionError::from)
+        by_run(&self.runs, series, |part| {
+            self.filter.zero_phase_settled(part)
+        })
+        .map_err(MotionError::from)
     }
 
     /// The samples of a series that fits use.
@@ -224,7 +260,10 @@ impl Motion {
             return ((0..self.kept.len()).map(|i| i / size).collect(), count);
         }
         let count = pairs.min(6);
-        (kept_strokes.iter().map(|s| (s / 2) % count).collect(), count)
+        (
+            kept_strokes.iter().map(|s| (s / 2) % count).collect(),
+            count,
+        )
     }
 }
 
@@ -248,13 +287,20 @@ impl Work {
             }
             // Flat to a tenth of the work rate, and the same for every series, so it cancels in the fit.
             let filter = LowPass::butterworth(4, 0.3 * self.rate / factor as f64, self.rate)?;
-            Ok(filter.zero_phase_settled(series)?.into_iter().step_by(factor).collect())
+            Ok(filter
+                .zero_phase_settled(series)?
+                .into_iter()
+                .step_by(factor)
+                .collect())
         };
         let start = self.time.len();
         let q = reduce(&samples.q[run.clone()])?;
         let tau = reduce(&samples.tau[run.clone()])?;
-        let noise: Vec<Vec<f64>> =
-            samples.noise_of_q.iter().map(|series| reduce(&series[run.clone()])).collect::<Result<_, _>>()?;
+        let noise: Vec<Vec<f64>> = samples
+            .noise_of_q
+            .iter()
+            .map(|series| reduce(&series[run.clone()]))
+            .collect::<Result<_, _>>()?;
         self.time.extend(samples.time[run].iter().step_by(factor));
         self.q.extend(q);
         self.tau.extend(tau);
@@ -273,7 +319,10 @@ fn by_run(
 ) -> Result<Vec<f64>, FilterError> {
     let mut out = Vec::with_capacity(series.len());
     for run in runs {
-        let part = series.get(run.clone()).ok_or(FilterError::TooShort { got: series.len(), needed: run.end })?;
+        let part = series.get(run.clone()).ok_or(FilterError::TooShort {
+            got: series.len(),
+            needed: run.end,
+        })?;
         out.extend(f(part)?);
     }
     Ok(out)
@@ -281,7 +330,13 @@ fn by_run(
 
 /// Sign of a velocity, averaged over the step before each sample: between -1 and 1 where it changes.
 fn mean_sign(velocity: &[f64]) -> Vec<f64> {
-    let mean = |a: f64, b: f64| if a * b < 0.0 { (b.abs() - a.abs()) / (a.abs() + b.abs()) * b.signum() } else { b.signum() };
+    let mean = |a: f64, b: f64| {
+        if a * b < 0.0 {
+            (b.abs() - a.abs()) / (a.abs() + b.abs()) * b.signum()
+        } else {
+            b.signum()
+        }
+    };
     let mut out: Vec<f64> = velocity.first().map(|v| v.signum()).into_iter().collect();
     out.extend(velocity.windows(2).map(|w| mean(w[0], w[1])));
     out

@@ -29,10 +29,22 @@ pub struct NoiseFloor {
 ///
 /// # Errors
 /// When the motion cannot be filtered.
-pub fn floor(samples: &JointSamples, motion: &Motion, model: &EffortModel) -> Result<NoiseFloor, MotionError> {
-    let white = |std: f64, weight: &dyn Fn(f64) -> f64| std * (2.0 * samples.period * band_integral(motion, weight)).sqrt();
+pub fn floor(
+    samples: &JointSamples,
+    motion: &Motion,
+    model: &EffortModel,
+) -> Result<NoiseFloor, MotionError> {
+    let white = |std: f64, weight: &dyn Fn(f64) -> f64| {
+        std * (2.0 * samples.period * band_integral(motion, weight)).sqrt()
+    };
     let wrench_rms = white(white_noise(samples, &samples.tau, 30.0)?, &|_| 1.0);
-    let theta = |name: &str| model.terms.iter().position(|term| term.name == name).map_or(0.0, |j| model.theta[j]);
+    let theta = |name: &str| {
+        model
+            .terms
+            .iter()
+            .position(|term| term.name == name)
+            .map_or(0.0, |j| model.theta[j])
+    };
     let (inertia, viscous) = (theta("inertia"), theta("viscous"));
     let slope = load_slope(motion, model);
     let position_rms = if motion.noise_of_q.is_empty() {
@@ -45,28 +57,39 @@ pub fn floor(samples: &JointSamples, motion: &Motion, model: &EffortModel) -> Re
     } else {
         let mut squares = 0.0;
         for series in &motion.noise_of_q {
-            let (velocity, acceleration) = (motion.derivative(series), motion.second_derivative(series));
+            let (velocity, acceleration) =
+                (motion.derivative(series), motion.second_derivative(series));
             let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
             let effort: Vec<f64> = (0..series.len())
-                .map(|i| inertia * acceleration[i] + viscous * velocity[i] + slope * (series[i] - mean))
+                .map(|i| {
+                    inertia * acceleration[i] + viscous * velocity[i] + slope * (series[i] - mean)
+                })
                 .collect();
             squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
         }
         squares.sqrt()
     };
-    Ok(NoiseFloor { rms: wrench_rms.hypot(position_rms), wrench_rms, position_rms })
+    Ok(NoiseFloor {
+        rms: wrench_rms.hypot(position_rms),
+        wrench_rms,
+        position_rms,
+    })
 }
 
 /// Root mean square slope of the load curve over the kept samples; zero without a mechanism. Slow position errors move
 /// the load along with them, so only what the load curve itself bends counts: an upper estimate.
 fn load_slope(motion: &Motion, model: &EffortModel) -> f64 {
-    let Some(mechanism) = &model.mechanism else { return 0.0 };
+    let Some(mechanism) = &model.mechanism else {
+        return 0.0;
+    };
     let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
     let slopes: Vec<f64> = motion
         .kept
         .iter()
         .step_by(5)
-        .map(|&i| (mechanism.load(motion.q[i] + step) - mechanism.load(motion.q[i] - step)) / (2.0 * step))
+        .map(|&i| {
+            (mechanism.load(motion.q[i] + step) - mechanism.load(motion.q[i] - step)) / (2.0 * step)
+        })
         .collect();
     quantile(&slopes.iter().map(|s| s.abs()).collect::<Vec<_>>(), 0.5)
 }
@@ -77,7 +100,11 @@ fn white_noise(samples: &JointSamples, series: &[f64], from_hz: f64) -> Result<f
     let from = from_hz.min(0.25 * rate);
     let filter = LowPass::butterworth(4, from, rate)?;
     let mut variances = Vec::new();
-    for run in samples.runs.iter().filter(|run| run.len() as f64 * samples.period > 1.0) {
+    for run in samples
+        .runs
+        .iter()
+        .filter(|run| run.len() as f64 * samples.period > 1.0)
+    {
         let part = &series[run.clone()];
         let low = filter.zero_phase(part)?;
         let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
@@ -93,7 +120,10 @@ fn band_integral(motion: &Motion, weight: &dyn Fn(f64) -> f64) -> f64 {
     let half = 0.5 / motion.period;
     let steps = 2000;
     let width = half / f64::from(steps);
-    (0..steps).map(|k| (f64::from(k) + 0.5) * width).map(|hz| weight(hz) * motion.power_gain(hz) * width).sum()
+    (0..steps)
+        .map(|k| (f64::from(k) + 0.5) * width)
+        .map(|hz| weight(hz) * motion.power_gain(hz) * width)
+        .sum()
 }
 
 /// Root mean square acceleration and velocity of a noise series below `cutoff_hz`, for weighing sensors by what they do to
@@ -101,7 +131,11 @@ fn band_integral(motion: &Motion, weight: &dyn Fn(f64) -> f64) -> f64 {
 ///
 /// # Errors
 /// When the series is too short.
-pub fn acceleration_noise(series: &[f64], period: f64, cutoff_hz: f64) -> Result<[f64; 2], MotionError> {
+pub fn acceleration_noise(
+    series: &[f64],
+    period: f64,
+    cutoff_hz: f64,
+) -> Result<[f64; 2], MotionError> {
     let rate = 1.0 / period;
     let filter = LowPass::butterworth(4, cutoff_hz.min(0.2 * rate), rate)?;
     let smooth = filter.zero_phase_settled(series)?;
@@ -109,5 +143,8 @@ pub fn acceleration_noise(series: &[f64], period: f64, cutoff_hz: f64) -> Result
         let edge = (x.len() / 20).min((rate * 0.5) as usize);
         rms(&x[edge..x.len() - edge])
     };
-    Ok([middle(second_derivative(&smooth, period)), middle(first_derivative(&smooth, period))])
+    Ok([
+        middle(second_derivative(&smooth, period)),
+        middle(first_derivative(&smooth, period)),
+    ])
 }

@@ -12,28 +12,44 @@ use crate::pipeline::Identified;
 /// # Errors
 /// [`IdentifyError::Write`].
 pub fn write_to(directory: &Path, identified: &Identified) -> Result<Vec<PathBuf>, IdentifyError> {
-    std::fs::create_dir_all(directory).map_err(|source| IdentifyError::Write { path: directory.to_owned(), source })?;
+    std::fs::create_dir_all(directory).map_err(|source| IdentifyError::Write {
+        path: directory.to_owned(),
+        source,
+    })?;
     let json = |path: &str, text: Result<String, serde_json::Error>| {
-        text.map_err(|error| IdentifyError::Write { path: directory.join(path), source: error.into() })
+        text.map_err(|error| IdentifyError::Write {
+            path: directory.join(path),
+            source: error.into(),
+        })
     };
     let mut files = vec![
-        ("report.json", json("report.json", identified.report.to_json())?),
+        (
+            "report.json",
+            json("report.json", identified.report.to_json())?,
+        ),
         ("report.html", json("report.html", page(identified))?),
     ];
     let twin = directory.join("twin.json");
     match &identified.twin {
         Some(twin) => files.push(("twin.json", json("twin.json", twin.to_json())?)),
         None if twin.exists() => {
-            std::fs::remove_file(&twin).map_err(|source| IdentifyError::Write { path: twin, source })?;
+            std::fs::remove_file(&twin)
+                .map_err(|source| IdentifyError::Write { path: twin, source })?;
         }
         None => {}
     }
-    files.into_iter().map(|(name, text)| replace(&directory.join(name), &text)).collect()
+    files
+        .into_iter()
+        .map(|(name, text)| replace(&directory.join(name), &text))
+        .collect()
 }
 
 /// Writes beside the target and renames.
 fn replace(path: &Path, text: &str) -> Result<PathBuf, IdentifyError> {
-    let failed = |source| IdentifyError::Write { path: path.to_owned(), source };
+    let failed = |source| IdentifyError::Write {
+        path: path.to_owned(),
+        source,
+    };
     let partial = path.with_extension("partial");
     std::fs::write(&partial, text).map_err(failed)?;
     std::fs::rename(&partial, path).map_err(failed)?;

@@ -96,24 +96,42 @@ fn sentences(report: &Report) -> Vec<String> {
     let mut out = vec![match joint.kind {
         JointKind::Revolute => format!(
             "It turns about a hinge{}; it was moved over {:.0} degrees.",
-            joint.radius_m.map_or_else(String::new, |r| format!(" {r:.2} m from where it was held")),
+            joint
+                .radius_m
+                .map_or_else(String::new, |r| format!(" {r:.2} m from where it was held")),
             (high - low).to_degrees()
         ),
-        JointKind::Prismatic => format!("It slides along a straight line; it was moved over {:.2} m.", high - low),
+        JointKind::Prismatic => format!(
+            "It slides along a straight line; it was moved over {:.2} m.",
+            high - low
+        ),
     }];
-    let known = |name: &str| report.term(name).and_then(|term| Some((term.value?, term.std?, term.unit.clone())));
+    let known = |name: &str| {
+        report
+            .term(name)
+            .and_then(|term| Some((term.value?, term.std?, term.unit.clone())))
+    };
     match known("inertia") {
         Some((value, std, unit)) => out.push(format!(
             "{} is {} {unit}.",
-            if joint.kind == JointKind::Revolute { "Its inertia about the hinge" } else { "Its moving mass" },
+            if joint.kind == JointKind::Revolute {
+                "Its inertia about the hinge"
+            } else {
+                "Its moving mass"
+            },
             with_std(value, std)
         )),
         None => out.push("Its inertia is not known from this recording.".to_owned()),
     }
-    let friction: Vec<String> = [("coulomb", "a constant"), ("viscous", "a part that grows with speed of")]
-        .into_iter()
-        .filter_map(|(name, words)| known(name).map(|(v, s, unit)| format!("{words} {} {unit}", with_std(v, s))))
-        .collect();
+    let friction: Vec<String> = [
+        ("coulomb", "a constant"),
+        ("viscous", "a part that grows with speed of"),
+    ]
+    .into_iter()
+    .filter_map(|(name, words)| {
+        known(name).map(|(v, s, unit)| format!("{words} {} {unit}", with_std(v, s)))
+    })
+    .collect();
     if !friction.is_empty() {
         out.push(format!("Friction has {}.", friction.join(" and ")));
     }
@@ -121,7 +139,9 @@ fn sentences(report: &Report) -> Vec<String> {
         let [least, most] = mechanism.load_range;
         let noise = report.last.noise_floor_rms.unwrap_or(0.0);
         if most - least < 3.0 * noise && least.abs().max(most.abs()) < 3.0 * noise {
-            out.push("No mechanism shows: no spring, closer or weight beyond the noise.".to_owned());
+            out.push(
+                "No mechanism shows: no spring, closer or weight beyond the noise.".to_owned(),
+            );
         } else {
             out.push(format!(
                 "Besides, a mechanism or weight asks for {least:.1} to {most:.1} {unit} depending on where it stands (positive holds it back from opening)."
@@ -158,7 +178,11 @@ fn fit_data(analysis: &Analysis) -> FitData {
 fn probing(series: &FitSeries) -> Probing {
     let keep = thinned(&series.q, &series.dq);
     let pick = |series: &[f64]| keep.iter().map(|&i| rounded(series[i])).collect();
-    Probing { t: pick(&series.time), q: pick(&series.q), dq: pick(&series.dq) }
+    Probing {
+        t: pick(&series.time),
+        q: pick(&series.q),
+        dq: pick(&series.dq),
+    }
 }
 
 /// Indices that keep each stretch's extremes of both series.
@@ -171,8 +195,14 @@ fn thinned(a: &[f64], b: &[f64]) -> Vec<usize> {
     for start in (0..a.len()).step_by(stretch) {
         let part = start..(start + stretch).min(a.len());
         for series in [a, b] {
-            keep.extend(part.clone().min_by(|&i, &j| series[i].total_cmp(&series[j])));
-            keep.extend(part.clone().max_by(|&i, &j| series[i].total_cmp(&series[j])));
+            keep.extend(
+                part.clone()
+                    .min_by(|&i, &j| series[i].total_cmp(&series[j])),
+            );
+            keep.extend(
+                part.clone()
+                    .max_by(|&i, &j| series[i].total_cmp(&series[j])),
+            );
         }
     }
     keep.sort_unstable();
@@ -189,7 +219,9 @@ fn curves(mechanism: &SplineMechanism, analysis: &Analysis) -> Curves {
     let [low, high] = mechanism.domain.q;
     let speeds: Vec<f64> = analysis.series.dq.iter().map(|v| v.abs()).collect();
     let speed = quantile(&speeds, 0.5);
-    let q: Vec<f64> = (0..=200).map(|i| low + (high - low) * f64::from(i) / 200.0).collect();
+    let q: Vec<f64> = (0..=200)
+        .map(|i| low + (high - low) * f64::from(i) / 200.0)
+        .collect();
     let each = |f: &dyn Fn(f64) -> f64| q.iter().map(|q| rounded(f(*q))).collect();
     Curves {
         load: each(&|q| mechanism.load(q)),
@@ -202,8 +234,17 @@ fn curves(mechanism: &SplineMechanism, analysis: &Analysis) -> Curves {
 
 fn space(axis: &ScrewAxis, identified: &Identified) -> Space {
     let step = identified.path.len().div_ceil(1500).max(1);
-    let path = identified.path.iter().step_by(step).map(|p| [rounded(p.x), rounded(p.y), rounded(p.z)]).collect();
-    Space { path, point: axis.point.coords.into(), direction: axis.direction.into_inner().into() }
+    let path = identified
+        .path
+        .iter()
+        .step_by(step)
+        .map(|p| [rounded(p.x), rounded(p.y), rounded(p.z)])
+        .collect();
+    Space {
+        path,
+        point: axis.point.coords.into(),
+        direction: axis.direction.into_inner().into(),
+    }
 }
 
 /// Autocorrelation of the residual against lag, s, over pairs that are there.
@@ -230,7 +271,14 @@ fn autocorrelation(analysis: &Analysis) -> Vec<[f64; 2]> {
                     count += 1.0;
                 }
             }
-            [lag as f64 * step, if count > 0.0 { sum / count / power } else { 0.0 }]
+            [
+                lag as f64 * step,
+                if count > 0.0 {
+                    sum / count / power
+                } else {
+                    0.0
+                },
+            ]
         })
         .collect()
 }

@@ -84,16 +84,28 @@ pub fn identify_loaded(
     let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
     let held_s = grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period;
     if held_s < MIN_HELD_S {
-        return Err(IdentifyError::HeldTooShort { held_s, needed_s: MIN_HELD_S });
+        return Err(IdentifyError::HeldTooShort {
+            held_s,
+            needed_s: MIN_HELD_S,
+        });
     }
     progress(Stage::Payload);
     let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
     let candidates = select(&track)?;
     let joint = refine(&track, &candidates);
-    let effort =
-        joint_effort(&tool, &kinematics, &grasp.held, &joint, payload.as_ref().ok(), settings.cutoff_hz)?;
+    let effort = joint_effort(
+        &tool,
+        &kinematics,
+        &grasp.held,
+        &joint,
+        payload.as_ref().ok(),
+        settings.cutoff_hz,
+    )?;
     if effort.nonwork.contact_rms_n < MIN_CONTACT_N {
-        return Err(IdentifyError::NoContact { force_n: effort.nonwork.contact_rms_n, needed_n: MIN_CONTACT_N });
+        return Err(IdentifyError::NoContact {
+            force_n: effort.nonwork.contact_rms_n,
+            needed_n: MIN_CONTACT_N,
+        });
     }
     progress(Stage::Joint);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
@@ -101,7 +113,9 @@ pub fn identify_loaded(
         Ok(_) => Some(analyse(&effort.samples, settings)?),
         Err(error) => {
             for name in ["inertia", "coulomb", "viscous"] {
-                report.not_identified.insert(name.to_owned(), error.to_string());
+                report
+                    .not_identified
+                    .insert(name.to_owned(), error.to_string());
             }
             None
         }
@@ -117,36 +131,78 @@ pub fn identify_loaded(
     progress(Stage::Dynamics);
     let twin = analysis.as_ref().map(|analysis| {
         let provenance = Provenance {
-            recordings: vec![Source { file: file_name(&recording.path), sha256: recording.sha256.clone() }],
+            recordings: vec![Source {
+                file: file_name(&recording.path),
+                sha256: recording.sha256.clone(),
+            }],
             version: version(),
-            calibration: report.payload.as_ref().map(|payload| payload.source.name().to_owned()),
+            calibration: report
+                .payload
+                .as_ref()
+                .map(|payload| payload.source.name().to_owned()),
             held_out_rms: Some([analysis.base.held_out_rms, analysis.full.held_out_rms]),
         };
-        Twin::new(effort.axis.kind, Some(&effort.axis), report.joint.q_range, &analysis.full, provenance)
+        Twin::new(
+            effort.axis.kind,
+            Some(&effort.axis),
+            report.joint.q_range,
+            &analysis.full,
+            provenance,
+        )
     });
     let step = ((0.02 / tool.period) as usize).max(1);
     let path = effort.path.iter().step_by(step).copied().collect();
-    Ok(Identified { report, twin, analysis, axis: Some(effort.axis), path, samples: effort.samples })
+    Ok(Identified {
+        report,
+        twin,
+        analysis,
+        axis: Some(effort.axis),
+        path,
+        samples: effort.samples,
+    })
 }
 
 /// Identifies a table of one joint; `sha256` of its file goes into the twin.
 #[must_use]
-pub fn identified_table(file: &Path, sha256: String, samples: &JointSamples, analysis: Analysis) -> Identified {
+pub fn identified_table(
+    file: &Path,
+    sha256: String,
+    samples: &JointSamples,
+    analysis: Analysis,
+) -> Identified {
     let input = Input {
         files: vec![file_name(file)],
-        duration_s: samples.time.last().copied().unwrap_or(0.0) - samples.time.first().copied().unwrap_or(0.0),
+        duration_s: samples.time.last().copied().unwrap_or(0.0)
+            - samples.time.first().copied().unwrap_or(0.0),
         gaps: samples.runs.len().saturating_sub(1),
         ..Input::default()
     };
-    let report = Report::new(input, Joint::of_table(samples.kind, analysis.q_range)).with_dynamics(&analysis);
+    let report = Report::new(input, Joint::of_table(samples.kind, analysis.q_range))
+        .with_dynamics(&analysis);
     let provenance = Provenance {
-        recordings: vec![Source { file: file_name(file), sha256 }],
+        recordings: vec![Source {
+            file: file_name(file),
+            sha256,
+        }],
         version: version(),
         calibration: None,
         held_out_rms: Some([analysis.base.held_out_rms, analysis.full.held_out_rms]),
     };
-    let twin = Twin::new(samples.kind, None, analysis.q_range, &analysis.full, provenance);
-    Identified { report, twin: Some(twin), analysis: Some(analysis), axis: None, path: Vec::new(), samples: samples.clone() }
+    let twin = Twin::new(
+        samples.kind,
+        None,
+        analysis.q_range,
+        &analysis.full,
+        provenance,
+    );
+    Identified {
+        report,
+        twin: Some(twin),
+        analysis: Some(analysis),
+        axis: None,
+        path: Vec::new(),
+        samples: samples.clone(),
+    }
 }
 
 type PayloadOutcome = Result<Payload, PayloadError>;
@@ -158,11 +214,15 @@ fn grasp_and_payload(
     kinematics: &ToolKinematics,
 ) -> Result<(Grasp, PayloadOutcome), IdentifyError> {
     let calibration = recording.calibration.as_ref();
-    let estimate = |grasp: &Grasp| {
-        match Payload::estimate(tool, kinematics, &grasp.free_before, &grasp.free_after, calibration) {
-            Err(PayloadError::Filter(error)) => Err(IdentifyError::from(error)),
-            outcome => Ok(outcome),
-        }
+    let estimate = |grasp: &Grasp| match Payload::estimate(
+        tool,
+        kinematics,
+        &grasp.free_before,
+        &grasp.free_after,
+        calibration,
+    ) {
+        Err(PayloadError::Filter(error)) => Err(IdentifyError::from(error)),
+        outcome => Ok(outcome),
     };
     if let Some(grasp) = Grasp::from_marks(tool, recording) {
         let payload = estimate(&grasp)?;
@@ -170,8 +230,12 @@ fn grasp_and_payload(
     }
     let whole = Grasp::whole(tool);
     let calibrated = estimate(&whole)?;
-    let Ok(calibrated) = calibrated else { return Ok((whole, calibrated)) };
-    let Some(grasp) = Grasp::from_wrench(tool, kinematics, &calibrated) else { return Ok((whole, Ok(calibrated))) };
+    let Ok(calibrated) = calibrated else {
+        return Ok((whole, calibrated));
+    };
+    let Some(grasp) = Grasp::from_wrench(tool, kinematics, &calibrated) else {
+        return Ok((whole, Ok(calibrated)));
+    };
     let payload = estimate(&grasp)?;
     Ok((grasp, payload))
 }
@@ -187,7 +251,8 @@ fn describe(
     let (low, high) = effort.samples.q_range();
     let input = Input {
         files: vec![file_name(&recording.path)],
-        duration_s: tool.time.last().copied().unwrap_or(0.0) - tool.time.first().copied().unwrap_or(0.0),
+        duration_s: tool.time.last().copied().unwrap_or(0.0)
+            - tool.time.first().copied().unwrap_or(0.0),
         grasp: Some(
             match grasp.source {
                 GraspSource::Marks => "marks",
@@ -199,33 +264,45 @@ fn describe(
         gaps: tool.gaps,
         ..Input::default()
     };
-    let mut report = Report::new(input, Joint::of_poses(&effort.axis, joint, candidates, [low, high]));
+    let mut report = Report::new(
+        input,
+        Joint::of_poses(&effort.axis, joint, candidates, [low, high]),
+    );
     if grasp.source == GraspSource::WholeRecording {
         report.notes.push(
             "no `grasp` mark and no contact found by the wrench: the whole recording was taken as held".to_owned(),
         );
     }
     if tool.gaps > 0 {
-        report.notes.push(format!("{} gaps in the streams; nothing was interpolated across them", tool.gaps));
+        report.notes.push(format!(
+            "{} gaps in the streams; nothing was interpolated across them",
+            tool.gaps
+        ));
     }
     if !joint.uses_rotations {
         report.notes.push("the tool's rotation does not follow the joint (it turned in the hand or the grasp); positions alone were used".to_owned());
     }
     if let Some(damage) = &recording.health.truncated {
-        report.notes.push(format!("the file is damaged: {damage}; what came before was used"));
+        report.notes.push(format!(
+            "the file is damaged: {damage}; what came before was used"
+        ));
     }
     report
 }
 
 fn note_payload(report: &mut Report, payload: &Payload) {
-    if payload.source == PayloadSource::Calibration && payload.bias_std.iter().any(|std| *std > 5.0) {
+    if payload.source == PayloadSource::Calibration && payload.bias_std.iter().any(|std| *std > 5.0)
+    {
         report.notes.push(
             "no free air and no calibrated bias: a constant of the sensor is in the load g(q), and cannot be told from it"
                 .to_owned(),
         );
     }
     if payload.bias_rate.iter().any(|rate| *rate != 0.0) {
-        report.notes.push("the sensor's bias drifted between the free-air parts; a straight line was taken off".to_owned());
+        report.notes.push(
+            "the sensor's bias drifted between the free-air parts; a straight line was taken off"
+                .to_owned(),
+        );
     }
 }
 
@@ -246,5 +323,8 @@ fn version() -> String {
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| PathBuf::from(path), PathBuf::from).display().to_string()
+    path.file_name()
+        .map_or_else(|| PathBuf::from(path), PathBuf::from)
+        .display()
+        .to_string()
 }

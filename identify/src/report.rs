@@ -2,8 +2,11 @@
 //!
 //! Numbers are SI; what is not identified is `null`, also a NaN.
 
+mod summary;
+
+pub use summary::with_std;
+
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use serde::Serialize;
 
@@ -163,7 +166,12 @@ pub struct MechanismSummary {
 impl Joint {
     /// The joint of a recording or a track, with the sense of `axis`.
     #[must_use]
-    pub fn of_poses(axis: &ScrewAxis, joint: &RefinedJoint, candidates: &Candidates, q_range: [f64; 2]) -> Self {
+    pub fn of_poses(
+        axis: &ScrewAxis,
+        joint: &RefinedJoint,
+        candidates: &Candidates,
+        q_range: [f64; 2],
+    ) -> Self {
         let revolute = axis.kind == JointKind::Revolute;
         Self {
             kind: axis.kind,
@@ -175,7 +183,10 @@ impl Joint {
             },
             q_range,
             position_rms_m: Some(joint.position_rms),
-            bic: JointBic { revolute: Some(candidates.bic_revolute), prismatic: Some(candidates.bic_prismatic) },
+            bic: JointBic {
+                revolute: Some(candidates.bic_revolute),
+                prismatic: Some(candidates.bic_prismatic),
+            },
             radius_m: revolute.then(|| axis.distance(&joint.tool_position)),
             uses_orientation: Some(joint.uses_rotations),
         }
@@ -204,7 +215,10 @@ impl Report {
     pub fn new(input: Input, joint: Joint) -> Self {
         Self {
             schema: SCHEMA,
-            base: Base { terms: unknown_terms(joint.kind), ..Base::default() },
+            base: Base {
+                terms: unknown_terms(joint.kind),
+                ..Base::default()
+            },
             last: Final {
                 terms: unknown_terms(joint.kind),
                 rms: None,
@@ -235,7 +249,11 @@ impl Report {
     #[must_use]
     pub fn with_dynamics(mut self, analysis: &Analysis) -> Self {
         self.input.samples_used = analysis.used;
-        self.input.samples_gated = analysis.gated.iter().map(|(gate, count)| ((*gate).to_owned(), *count)).collect();
+        self.input.samples_gated = analysis
+            .gated
+            .iter()
+            .map(|(gate, count)| ((*gate).to_owned(), *count))
+            .collect();
         let base = &analysis.base;
         self.base = Base {
             terms: base.terms.clone(),
@@ -276,100 +294,29 @@ impl Report {
     pub fn term(&self, name: &str) -> Option<&Term> {
         self.last.terms.iter().find(|term| term.name == name)
     }
-
-    /// A few lines for a terminal.
-    #[must_use]
-    pub fn summary(&self) -> String {
-        let mut out = String::new();
-        let joint = &self.joint;
-        let _ = writeln!(out, "joint      {}", self.joint_line());
-        if let (Some(direction), Some(point)) = (joint.axis_direction, joint.axis_point) {
-            let [dx, dy, dz] = direction;
-            let [px, py, pz] = point;
-            let _ = writeln!(out, "axis       direction [{dx:.4} {dy:.4} {dz:.4}] ± {:.2} deg", joint.std.direction_deg.unwrap_or(f64::NAN));
-            let std = joint.std.position_m.map_or_else(String::new, |std| format!(" ± {:.1} mm", std * 1e3));
-            let _ = writeln!(out, "           point [{px:.4} {py:.4} {pz:.4}] m{std}");
-        }
-        for term in &self.last.terms {
-            let value = match (term.value, term.std) {
-                (Some(value), Some(std)) => format!("{} {}", with_std(value, std), term.unit),
-                _ => format!("not identified: {}", self.not_identified.get(&term.name).map_or("", String::as_str)),
-            };
-            let _ = writeln!(out, "{:<10} {value}", term.name);
-        }
-        let unit = joint.kind.effort_unit();
-        if let Some(mechanism) = &self.mechanism {
-            let [low, high] = mechanism.load_range;
-            let _ = writeln!(out, "mechanism  load from {low:.2} to {high:.2} {unit} over the range");
-        }
-        if let (Some(base), Some(last), Some(floor)) =
-            (self.base.held_out_rms, self.last.held_out_rms, self.last.noise_floor_rms)
-        {
-            let _ = writeln!(
-                out,
-                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); I, mu, b alone {base:.3}; noise floor {floor:.3}",
-                100.0 * self.last.relative_error.unwrap_or(f64::NAN)
-            );
-        }
-        let _ = writeln!(out, "verdict    {}", self.verdict_line());
-        if let Some(lag) = self.lag.filter(|lag| lag.applied) {
-            let _ = writeln!(out, "lag        the wrench is {:.1} ms late; taken out", lag.value_s * 1e3);
-        }
-        for (what, why) in self.not_identified.iter().filter(|(what, _)| self.term(what).is_none()) {
-            let _ = writeln!(out, "unknown    {what}: {why}");
-        }
-        for note in &self.notes {
-            let _ = writeln!(out, "note       {note}");
-        }
-        out
-    }
-
-    fn joint_line(&self) -> String {
-        let [low, high] = self.joint.q_range;
-        match self.joint.kind {
-            JointKind::Revolute => {
-                let radius = self.joint.radius_m.map_or_else(String::new, |r| format!(", held {r:.3} m from the axis"));
-                format!("revolute, probed from {:.1} to {:.1} deg{radius}", low.to_degrees(), high.to_degrees())
-            }
-            JointKind::Prismatic => format!("prismatic, probed from {low:.3} to {high:.3} m"),
-        }
-    }
-
-    /// The verdict in words.
-    #[must_use]
-    pub fn verdict_line(&self) -> String {
-        match self.last.verdict {
-            Verdict::Explained => "explained: what is left is at the noise floor".to_owned(),
-            Verdict::NotIdentifiable => "not identifiable: the data cannot tell".to_owned(),
-            Verdict::Unexplained => {
-                let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
-                let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
-                    Some(s) => format!("it stands most against {} ({:.0} % of it)", s.variable, 100.0 * s.share),
-                    None => "it stands against none of q, dq, ddq, sign, time".to_owned(),
-                };
-                format!("unexplained: {share:.1} % of the effort is neither modelled nor noise; {against}")
-            }
-        }
-    }
-}
-
-/// `value ± std` with as many digits as the standard deviation deserves.
-#[must_use]
-pub fn with_std(value: f64, std: f64) -> String {
-    let digits = if std > 0.0 { (1.0 - std.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
-    format!("{value:.digits$} ± {std:.digits$}")
 }
 
 fn unknown_terms(kind: JointKind) -> Vec<Term> {
-    [("inertia", kind.inertia_unit()), ("coulomb", kind.effort_unit()), ("viscous", kind.viscous_unit())]
-        .map(|(name, unit)| Term { name: name.to_owned(), value: None, std: None, unit: unit.to_owned() })
-        .to_vec()
+    [
+        ("inertia", kind.inertia_unit()),
+        ("coulomb", kind.effort_unit()),
+        ("viscous", kind.viscous_unit()),
+    ]
+    .map(|(name, unit)| Term {
+        name: name.to_owned(),
+        value: None,
+        std: None,
+        unit: unit.to_owned(),
+    })
+    .to_vec()
 }
 
 fn summary_of(model: &EffortModel) -> Option<MechanismSummary> {
     let mechanism = model.mechanism.as_ref()?;
     let [low, high] = mechanism.domain.q;
-    let loads: Vec<f64> = (0..=100).map(|i| mechanism.load(low + (high - low) * f64::from(i) / 100.0)).collect();
+    let loads: Vec<f64> = (0..=100)
+        .map(|i| mechanism.load(low + (high - low) * f64::from(i) / 100.0))
+        .collect();
     let (least, most) = crate::samples::extrema(&loads);
     Some(MechanismSummary {
         kind: mechanism.kind(),

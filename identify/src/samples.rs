@@ -55,16 +55,22 @@ impl JointSamples {
         let steps = lag_s / self.period;
         let mut tau = self.tau.clone();
         for run in &self.runs {
-            let Some(last) = run.len().checked_sub(1) else { continue };
+            let Some(last) = run.len().checked_sub(1) else {
+                continue;
+            };
             for i in 0..run.len() {
                 let at = (i as f64 + steps).clamp(0.0, last as f64);
                 let low = (at.floor() as usize).min(last.saturating_sub(1));
                 let part = at - low as f64;
                 let high = (low + 1).min(last);
-                tau[run.start + i] = self.tau[run.start + low] * (1.0 - part) + self.tau[run.start + high] * part;
+                tau[run.start + i] =
+                    self.tau[run.start + low] * (1.0 - part) + self.tau[run.start + high] * part;
             }
         }
-        Self { tau, ..self.clone() }
+        Self {
+            tau,
+            ..self.clone()
+        }
     }
 
     /// The same joint with the coordinate and the effort reversed.
@@ -79,7 +85,11 @@ impl JointSamples {
 
 /// Smallest and largest value; (0, 0) when empty.
 pub(crate) fn extrema(series: &[f64]) -> (f64, f64) {
-    let fold = series.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    let fold = series
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(*v), high.max(*v))
+        });
     if series.is_empty() { (0.0, 0.0) } else { fold }
 }
 
@@ -100,7 +110,11 @@ pub fn opening_sign(q: &[f64]) -> f64 {
     let (low, high) = extrema(q);
     let start = q.first().copied().unwrap_or(0.0);
     let far = q.iter().find(|v| (*v - start).abs() > 0.2 * (high - low));
-    if far.is_some_and(|v| *v < start) { -1.0 } else { 1.0 }
+    if far.is_some_and(|v| *v < start) {
+        -1.0
+    } else {
+        1.0
+    }
 }
 
 #[cfg(test)]
@@ -124,7 +138,10 @@ mod tests {
     fn a_late_effort_is_brought_forward_within_its_run() {
         let moved = ramp().with_effort_earlier(0.025);
         assert!((moved.tau[10] - 3.0 * 0.125).abs() < 1e-12);
-        assert!((moved.tau[39] - 3.0 * 0.39).abs() < 1e-12, "a run's last sample stays");
+        assert!(
+            (moved.tau[39] - 3.0 * 0.39).abs() < 1e-12,
+            "a run's last sample stays"
+        );
     }
 
     #[test]

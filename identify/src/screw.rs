@@ -4,9 +4,10 @@
 //! first retained position; a prismatic joint's `point` is that position. All in the track's frame, m and rad.
 
 mod candidate;
+mod orientation;
 
 pub use candidate::{Candidates, SelectError, select};
-pub(crate) use candidate::{angles, robust_mean};
+pub(crate) use orientation::{angles, robust_mean};
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
@@ -83,9 +84,10 @@ impl ScrewAxis {
     #[must_use]
     pub fn motion(&self, q: f64) -> Isometry3<f64> {
         match self.kind {
-            JointKind::Prismatic => {
-                Isometry3::from_parts(Translation3::from(self.direction.into_inner() * q), UnitQuaternion::identity())
-            }
+            JointKind::Prismatic => Isometry3::from_parts(
+                Translation3::from(self.direction.into_inner() * q),
+                UnitQuaternion::identity(),
+            ),
             JointKind::Revolute => {
                 let turn = UnitQuaternion::from_axis_angle(&self.direction, q);
                 let shift = self.point.coords - turn * self.point.coords;
@@ -113,14 +115,19 @@ impl ScrewAxis {
     /// The same joint with the coordinate reversed.
     #[must_use]
     pub fn reversed(&self) -> Self {
-        Self { direction: -self.direction, ..*self }
+        Self {
+            direction: -self.direction,
+            ..*self
+        }
     }
 
     /// Angle between the two lines, folded to [0, pi/2] rad, and their distance along the common perpendicular, m.
     #[must_use]
     pub fn separation(&self, other: &Self) -> (f64, f64) {
         let cross = self.direction.cross(&other.direction);
-        let angle = cross.norm().atan2(self.direction.dot(&other.direction).abs());
+        let angle = cross
+            .norm()
+            .atan2(self.direction.dot(&other.direction).abs());
         let between = other.point - self.point;
         let distance = if cross.norm() > 1e-9 {
             between.dot(&cross).abs() / cross.norm()
@@ -134,7 +141,11 @@ impl ScrewAxis {
 /// Two unit vectors that make a right-handed frame with `direction` as the third.
 #[must_use]
 pub fn perpendiculars(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
-    let helper = if direction.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let helper = if direction.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
     let first = direction.cross(&helper).normalize();
     (first, direction.cross(&first))
 }
@@ -183,7 +194,10 @@ mod tests {
             let here = axis.motion(q) * point;
             let slope = (axis.motion(q + h) * point - axis.motion(q - h) * point) / (2.0 * h);
             assert!((slope - axis.velocity_at(&here)).norm() < 1e-8);
-            assert!((axis.distance(&here) - axis.distance(&point)).abs() < 1e-12 || kind == JointKind::Prismatic);
+            assert!(
+                (axis.distance(&here) - axis.distance(&point)).abs() < 1e-12
+                    || kind == JointKind::Prismatic
+            );
         }
     }
 
@@ -197,6 +211,8 @@ mod tests {
         let (angle, distance) = line(0.0, Vector3::z()).separation(&line(0.3, -Vector3::z()));
         assert!(angle < 1e-12 && (distance - 0.3).abs() < 1e-12);
         let (angle, distance) = line(0.0, Vector3::z()).separation(&line(0.3, Vector3::y()));
-        assert!((angle - core::f64::consts::FRAC_PI_2).abs() < 1e-12 && (distance - 0.3).abs() < 1e-12);
+        assert!(
+            (angle - core::f64::consts::FRAC_PI_2).abs() < 1e-12 && (distance - 0.3).abs() < 1e-12
+        );
     }
 }

@@ -18,7 +18,12 @@ impl Basis {
     /// Splines of `degree` (0 to 5) with `intervals` pieces over `[low, high]`.
     #[must_use]
     pub fn new(low: f64, high: f64, intervals: usize, degree: usize) -> Self {
-        Self { low, high: high.max(low + f64::MIN_POSITIVE), intervals: intervals.max(1), degree: degree.min(5) }
+        Self {
+            low,
+            high: high.max(low + f64::MIN_POSITIVE),
+            intervals: intervals.max(1),
+            degree: degree.min(5),
+        }
     }
 
     /// Number of functions.
@@ -61,7 +66,8 @@ impl Basis {
     /// Index of the first function that is not zero at `x`, and the `degree + 1` values from there.
     #[must_use]
     pub fn evaluate(&self, x: f64) -> (usize, [f64; 6]) {
-        let scaled = ((x - self.low) / (self.high - self.low) * self.intervals as f64).clamp(0.0, self.intervals as f64);
+        let scaled = ((x - self.low) / (self.high - self.low) * self.intervals as f64)
+            .clamp(0.0, self.intervals as f64);
         let piece = (scaled as usize).min(self.intervals - 1);
         let u = scaled - piece as f64;
         // Cox and de Boor on unit knots: after round d, values[j] is the degree-d function number j of this piece.
@@ -83,7 +89,12 @@ impl Basis {
     #[must_use]
     pub fn value(&self, coefficients: &[f64], x: f64) -> f64 {
         let (first, values) = self.evaluate(x);
-        values.iter().take(self.degree + 1).enumerate().map(|(j, v)| v * coefficients.get(first + j).copied().unwrap_or(0.0)).sum()
+        values
+            .iter()
+            .take(self.degree + 1)
+            .enumerate()
+            .map(|(j, v)| v * coefficients.get(first + j).copied().unwrap_or(0.0))
+            .sum()
     }
 
     /// `D'D` of the `order`-th differences of the coefficients.
@@ -118,10 +129,15 @@ mod tests {
     fn coefficients_at_the_centres_give_back_a_line() {
         for degree in 1..=5 {
             let basis = Basis::new(0.5, 2.5, 7, degree);
-            let coefficients: Vec<f64> = (0..basis.len()).map(|j| 3.0 * basis.centre(j) - 1.0).collect();
+            let coefficients: Vec<f64> = (0..basis.len())
+                .map(|j| 3.0 * basis.centre(j) - 1.0)
+                .collect();
             for i in 0..=40 {
                 let x = 0.5 + 0.05 * f64::from(i);
-                assert!((basis.value(&coefficients, x) - (3.0 * x - 1.0)).abs() < 1e-12, "degree {degree} at {x}");
+                assert!(
+                    (basis.value(&coefficients, x) - (3.0 * x - 1.0)).abs() < 1e-12,
+                    "degree {degree} at {x}"
+                );
             }
         }
     }

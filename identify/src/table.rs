@@ -99,16 +99,34 @@ const MIN_ROWS: usize = 100;
 ///
 /// # Errors
 /// [`TableError`].
-pub fn read_table(path: &Path, columns: &TableColumns, kind: JointKind) -> Result<JointSamples, TableError> {
-    let io = |source| TableError::Io { path: path.to_owned(), source };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(io)?;
-    let there: Vec<String> = reader.headers().map_err(io)?.iter().map(str::to_owned).collect();
+pub fn read_table(
+    path: &Path,
+    columns: &TableColumns,
+    kind: JointKind,
+) -> Result<JointSamples, TableError> {
+    let io = |source| TableError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(io)?;
+    let there: Vec<String> = reader
+        .headers()
+        .map_err(io)?
+        .iter()
+        .map(str::to_owned)
+        .collect();
     let find = |name: &String| {
-        there.iter().position(|column| column == name).ok_or_else(|| TableError::MissingColumn {
-            path: path.to_owned(),
-            name: name.clone(),
-            there: there.clone(),
-        })
+        there
+            .iter()
+            .position(|column| column == name)
+            .ok_or_else(|| TableError::MissingColumn {
+                path: path.to_owned(),
+                name: name.clone(),
+                there: there.clone(),
+            })
     };
     let wanted = [&columns.time, &columns.position, &columns.effort];
     let index = [find(wanted[0])?, find(wanted[1])?, find(wanted[2])?];
@@ -126,16 +144,30 @@ pub fn read_table(path: &Path, columns: &TableColumns, kind: JointKind) -> Resul
                 text: text.to_owned(),
             })?;
             if !value.is_finite() {
-                return Err(TableError::NotFinite { path: path.to_owned(), row, column: name.clone(), value: *value });
+                return Err(TableError::NotFinite {
+                    path: path.to_owned(),
+                    row,
+                    column: name.clone(),
+                    value: *value,
+                });
             }
         }
         if let Some(before) = rows.last().filter(|before| values[0] <= before[0]) {
-            return Err(TableError::TimeNotIncreasing { path: path.to_owned(), row, time: values[0], before: before[0] });
+            return Err(TableError::TimeNotIncreasing {
+                path: path.to_owned(),
+                row,
+                time: values[0],
+                before: before[0],
+            });
         }
         rows.push(values);
     }
     if rows.len() < MIN_ROWS {
-        return Err(TableError::TooShort { path: path.to_owned(), rows: rows.len(), needed: MIN_ROWS });
+        return Err(TableError::TooShort {
+            path: path.to_owned(),
+            rows: rows.len(),
+            needed: MIN_ROWS,
+        });
     }
     Ok(on_a_grid(&rows, kind))
 }
@@ -144,7 +176,11 @@ fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {
     let steps: Vec<f64> = rows.windows(2).map(|w| w[1][0] - w[0][0]).collect();
     // The mean within 1 % of the median keeps a nominally uniform table uniform over its whole length.
     let median = quantile(&steps, 0.5);
-    let regular: Vec<f64> = steps.iter().copied().filter(|s| (s / median - 1.0).abs() < 0.5).collect();
+    let regular: Vec<f64> = steps
+        .iter()
+        .copied()
+        .filter(|s| (s / median - 1.0).abs() < 0.5)
+        .collect();
     let period = regular.iter().sum::<f64>() / regular.len().max(1) as f64;
     let mut out = JointSamples {
         kind,
@@ -170,7 +206,10 @@ fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {
 fn append(out: &mut JointSamples, piece: &[[f64; 3]], start: f64) {
     let begin = out.time.len();
     let (first, last) = (piece[0][0], piece[piece.len() - 1][0]);
-    let even = piece.iter().enumerate().all(|(i, r)| (r[0] - first - i as f64 * out.period).abs() < 0.2 * out.period);
+    let even = piece
+        .iter()
+        .enumerate()
+        .all(|(i, r)| (r[0] - first - i as f64 * out.period).abs() < 0.2 * out.period);
     if even {
         for row in piece {
             out.time.push(row[0] - start);
@@ -186,7 +225,11 @@ fn append(out: &mut JointSamples, piece: &[[f64; 3]], start: f64) {
                 at += 1;
             }
             let (a, b) = (&piece[at], &piece[(at + 1).min(piece.len() - 1)]);
-            let part = if b[0] > a[0] { ((t - a[0]) / (b[0] - a[0])).clamp(0.0, 1.0) } else { 0.0 };
+            let part = if b[0] > a[0] {
+                ((t - a[0]) / (b[0] - a[0])).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
             out.time.push(t - start);
             out.q.push(a[1] + part * (b[1] - a[1]));
             out.tau.push(a[2] + part * (b[2] - a[2]));

@@ -22,7 +22,9 @@ use resample::{PoseStream, Stream, thinned};
 #[non_exhaustive]
 pub enum AlignError {
     /// A stream has too few samples.
-    #[error("{stream} has {samples} samples, need at least {needed}; check the sensor's connection and record again")]
+    #[error(
+        "{stream} has {samples} samples, need at least {needed}; check the sensor's connection and record again"
+    )]
     TooFewSamples {
         /// `wrench` or `pose`.
         stream: &'static str,
@@ -95,17 +97,40 @@ impl ToolSamples {
     /// # Errors
     /// [`AlignError`].
     pub fn from_recording(recording: &Recording) -> Result<Self, AlignError> {
-        let start = recording.wrench.first().map_or(HostTime::EPOCH, |first| first.at);
-        let wrench = Stream::new(recording.wrench.iter().map(|s| (s.at.seconds_since(start), s.value)).collect());
-        let poses = thinned(recording.pose.samples.iter().map(|s| (s.at.seconds_since(start), isometry(&s.value))).collect());
+        let start = recording
+            .wrench
+            .first()
+            .map_or(HostTime::EPOCH, |first| first.at);
+        let wrench = Stream::new(
+            recording
+                .wrench
+                .iter()
+                .map(|s| (s.at.seconds_since(start), s.value))
+                .collect(),
+        );
+        let poses = thinned(
+            recording
+                .pose
+                .samples
+                .iter()
+                .map(|s| (s.at.seconds_since(start), isometry(&s.value)))
+                .collect(),
+        );
         for (stream, samples) in [("wrench", wrench.len()), ("pose", poses.len())] {
             if samples < MIN_SAMPLES {
-                return Err(AlignError::TooFewSamples { stream, samples, needed: MIN_SAMPLES });
+                return Err(AlignError::TooFewSamples {
+                    stream,
+                    samples,
+                    needed: MIN_SAMPLES,
+                });
             }
         }
         let pose = PoseStream::new(poses);
         let (wrench_span, pose_span) = (wrench.span(), pose.span());
-        let (from, to) = (wrench_span.0.max(pose_span.0), wrench_span.1.min(pose_span.1));
+        let (from, to) = (
+            wrench_span.0.max(pose_span.0),
+            wrench_span.1.min(pose_span.1),
+        );
         if to <= from {
             return Err(AlignError::NoOverlap {
                 wrench_s: wrench_span.1 - wrench_span.0,
@@ -133,7 +158,14 @@ impl ToolSamples {
         Ok(samples)
     }
 
-    fn fill(&mut self, wrench: &Stream, pose: &PoseStream, tracked_from_tcp: &Isometry3<f64>, from: f64, to: f64) {
+    fn fill(
+        &mut self,
+        wrench: &Stream,
+        pose: &PoseStream,
+        tracked_from_tcp: &Isometry3<f64>,
+        from: f64,
+        to: f64,
+    ) {
         let count = ((to - from) / self.period).floor() as usize + 1;
         let (mut at_wrench, mut at_pose) = (0, 0);
         let mut open: Option<usize> = None;
@@ -163,7 +195,13 @@ impl ToolSamples {
         let longest_s = self.runs.iter().map(Range::len).max().unwrap_or(0) as f64 * self.period;
         let covered_s = self.time.len() as f64 * self.period;
         if longest_s < MIN_PIECE_S {
-            return Err(AlignError::Gaps { covered_s, total_s, gaps: self.gaps, longest_s, needed_s: MIN_PIECE_S });
+            return Err(AlignError::Gaps {
+                covered_s,
+                total_s,
+                gaps: self.gaps,
+                longest_s,
+                needed_s: MIN_PIECE_S,
+            });
         }
         Ok(())
     }
@@ -179,13 +217,21 @@ impl ToolSamples {
     pub fn runs_within(&self, from: f64, to: f64) -> Vec<Range<usize>> {
         let clip = |run: &Range<usize>| {
             let times = &self.time[run.clone()];
-            run.start + times.partition_point(|t| *t < from)..run.start + times.partition_point(|t| *t <= to)
+            run.start + times.partition_point(|t| *t < from)
+                ..run.start + times.partition_point(|t| *t <= to)
         };
-        self.runs.iter().map(clip).filter(|run| !run.is_empty()).collect()
+        self.runs
+            .iter()
+            .map(clip)
+            .filter(|run| !run.is_empty())
+            .collect()
     }
 }
 
 fn isometry(pose: &Pose7) -> Isometry3<f64> {
     let [x, y, z, w] = pose.quaternion;
-    Isometry3::from_parts(Translation3::from(pose.position), UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)))
+    Isometry3::from_parts(
+        Translation3::from(pose.position),
+        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+    )
 }

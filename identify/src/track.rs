@@ -81,7 +81,10 @@ pub struct TrackJoint {
 /// [`TrackError`].
 pub fn identify_track(path: &Path) -> Result<TrackJoint, TrackError> {
     let samples = read_track(path)?;
-    joint_of(&samples).map_err(|source| TrackError::Select { path: path.to_owned(), source })
+    joint_of(&samples).map_err(|source| TrackError::Select {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// Finds the joint in a track.
@@ -97,9 +100,15 @@ pub fn joint_of(samples: &PoseSamples) -> Result<TrackJoint, SelectError> {
             *q = -*q;
         }
     }
-    let radius = (joint.axis.kind == JointKind::Revolute).then(|| joint.axis.distance(&joint.tool_position));
+    let radius =
+        (joint.axis.kind == JointKind::Revolute).then(|| joint.axis.distance(&joint.tool_position));
     let (low, high) = extrema(&joint.q);
-    Ok(TrackJoint { candidates, radius, q_range: [low, high], joint })
+    Ok(TrackJoint {
+        candidates,
+        radius,
+        q_range: [low, high],
+        joint,
+    })
 }
 
 /// Reads a track.
@@ -107,17 +116,28 @@ pub fn joint_of(samples: &PoseSamples) -> Result<TrackJoint, SelectError> {
 /// # Errors
 /// [`TrackError`], all but `Select`.
 pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
-    let text = std::fs::read_to_string(path).map_err(|source| TrackError::Io { path: path.to_owned(), source })?;
-    let mut out = PoseSamples { starts: vec![0], period: 1.0, ..PoseSamples::default() };
+    let text = std::fs::read_to_string(path).map_err(|source| TrackError::Io {
+        path: path.to_owned(),
+        source,
+    })?;
+    let mut out = PoseSamples {
+        starts: vec![0],
+        period: 1.0,
+        ..PoseSamples::default()
+    };
     let mut order: Option<Vec<usize>> = None;
     for (number, line) in text.lines().enumerate() {
-        let cells: Vec<&str> =
-            line.split(|c: char| c.is_whitespace() || c == ',' || c == ';').filter(|cell| !cell.is_empty()).collect();
+        let cells: Vec<&str> = line
+            .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
+            .filter(|cell| !cell.is_empty())
+            .collect();
         if cells.is_empty() || line.trim_start().starts_with('#') {
             continue;
         }
         let line = number + 1;
-        let header = order.is_none() && out.positions.is_empty() && cells.iter().all(|cell| cell.parse::<f64>().is_err());
+        let header = order.is_none()
+            && out.positions.is_empty()
+            && cells.iter().all(|cell| cell.parse::<f64>().is_err());
         if header {
             order = Some(by_header(&cells).ok_or_else(|| TrackError::MissingColumns {
                 path: path.to_owned(),
@@ -126,28 +146,48 @@ pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
             continue;
         }
         let picked: Vec<&str> = match &order {
-            Some(order) => order.iter().map(|&i| cells.get(i).copied().unwrap_or("")).collect(),
+            Some(order) => order
+                .iter()
+                .map(|&i| cells.get(i).copied().unwrap_or(""))
+                .collect(),
             None => cells,
         };
         if picked.len() != 3 && picked.len() != 7 {
-            return Err(TrackError::Columns { path: path.to_owned(), line, got: picked.len() });
+            return Err(TrackError::Columns {
+                path: path.to_owned(),
+                line,
+                got: picked.len(),
+            });
         }
-        let wrong = || TrackError::NotAPose { path: path.to_owned(), line, text: picked.join(" ") };
-        let values: Vec<f64> =
-            picked.iter().filter_map(|cell| cell.parse::<f64>().ok()).filter(|v| v.is_finite()).collect();
+        let wrong = || TrackError::NotAPose {
+            path: path.to_owned(),
+            line,
+            text: picked.join(" "),
+        };
+        let values: Vec<f64> = picked
+            .iter()
+            .filter_map(|cell| cell.parse::<f64>().ok())
+            .filter(|v| v.is_finite())
+            .collect();
         if values.len() != picked.len() {
             return Err(wrong());
         }
-        out.positions.push(Point3::new(values[0], values[1], values[2]));
+        out.positions
+            .push(Point3::new(values[0], values[1], values[2]));
         if let [qx, qy, qz, qw] = values[3..] {
             let quaternion = Quaternion::new(qw, qx, qy, qz);
             if !(0.5..2.0).contains(&quaternion.norm()) {
                 return Err(wrong());
             }
-            out.rotations.push(UnitQuaternion::from_quaternion(quaternion));
+            out.rotations
+                .push(UnitQuaternion::from_quaternion(quaternion));
         }
         if !out.rotations.is_empty() && out.rotations.len() != out.positions.len() {
-            return Err(TrackError::Columns { path: path.to_owned(), line, got: picked.len() });
+            return Err(TrackError::Columns {
+                path: path.to_owned(),
+                line,
+                got: picked.len(),
+            });
         }
     }
     Ok(out)
@@ -155,14 +195,37 @@ pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
 
 /// Indices of x y z and, when all are there, qx qy qz qw.
 fn by_header(names: &[&str]) -> Option<Vec<usize>> {
-    let clean: Vec<String> = names.iter().map(|name| name.trim_matches('"').to_ascii_lowercase()).collect();
+    let clean: Vec<String> = names
+        .iter()
+        .map(|name| name.trim_matches('"').to_ascii_lowercase())
+        .collect();
     let find = |wanted: &[&str]| {
-        clean.iter().position(|name| wanted.iter().any(|w| name == w || name.strip_prefix(w).is_some_and(|r| r.starts_with(['_', '[']))))
+        clean.iter().position(|name| {
+            wanted.iter().any(|w| {
+                name == w
+                    || name
+                        .strip_prefix(w)
+                        .is_some_and(|r| r.starts_with(['_', '[']))
+            })
+        })
     };
     let position = ["x", "y", "z"].map(|axis| {
-        find(&[axis, &format!("p{axis}"), &format!("t{axis}"), &format!("position.{axis}"), &format!("pos_{axis}"), &format!("ee_{axis}")])
+        find(&[
+            axis,
+            &format!("p{axis}"),
+            &format!("t{axis}"),
+            &format!("position.{axis}"),
+            &format!("pos_{axis}"),
+            &format!("ee_{axis}"),
+        ])
     });
-    let rotation = ["x", "y", "z", "w"].map(|axis| find(&[&format!("q{axis}"), &format!("orientation.{axis}"), &format!("quat_{axis}")]));
+    let rotation = ["x", "y", "z", "w"].map(|axis| {
+        find(&[
+            &format!("q{axis}"),
+            &format!("orientation.{axis}"),
+            &format!("quat_{axis}"),
+        ])
+    });
     let mut order: Vec<usize> = position.into_iter().collect::<Option<_>>()?;
     if let Some(rotation) = rotation.into_iter().collect::<Option<Vec<usize>>>() {
         order.extend(rotation);
@@ -184,15 +247,30 @@ mod tests {
         (0..200)
             .map(|i| 1.2 * f64::from(i) / 200.0)
             .enumerate()
-            .map(|(i, a)| [radius * a.cos() + 5e-4 * (i as f64 * 2.3).sin(), radius * a.sin(), 5e-4 * (i as f64 * 1.7).sin()])
+            .map(|(i, a)| {
+                [
+                    radius * a.cos() + 5e-4 * (i as f64 * 2.3).sin(),
+                    radius * a.sin(),
+                    5e-4 * (i as f64 * 1.7).sin(),
+                ]
+            })
             .collect()
     }
 
     #[test]
     fn an_arc_is_a_hinge_in_any_notation() {
-        let blanks: String = arc(0.4).iter().map(|[x, y, z]| format!("{x} {y}\t{z}\n")).collect();
-        let commas: String = arc(0.4).iter().map(|[x, y, z]| format!("0,{z},{x},{y}\n")).collect();
-        for text in [format!("# a comment\n{blanks}"), format!("t,z,x,y\n{commas}")] {
+        let blanks: String = arc(0.4)
+            .iter()
+            .map(|[x, y, z]| format!("{x} {y}\t{z}\n"))
+            .collect();
+        let commas: String = arc(0.4)
+            .iter()
+            .map(|[x, y, z]| format!("0,{z},{x},{y}\n"))
+            .collect();
+        for text in [
+            format!("# a comment\n{blanks}"),
+            format!("t,z,x,y\n{commas}"),
+        ] {
             let found = identify_track(written(&text).path()).unwrap();
             assert_eq!(found.candidates.kind, JointKind::Revolute);
             assert!((found.radius.unwrap() - 0.4).abs() < 2e-3);
@@ -202,13 +280,22 @@ mod tests {
 
     #[test]
     fn wrong_tracks_are_refused_with_their_line() {
-        let refused = |text: &str| identify_track(written(text).path()).unwrap_err().to_string();
+        let refused = |text: &str| {
+            identify_track(written(text).path())
+                .unwrap_err()
+                .to_string()
+        };
         assert!(refused("0 0 0\n1 2 3 4\n").contains("line 2 has 4 columns"));
         assert!(refused("0 0 0\n1 two 3\n").contains("line 2: `1 two 3` is not a pose"));
         assert!(refused("0 0 0 0 0 0 0\n").contains("is not a pose"));
         assert!(refused("a,b,c\n1,2,3\n").contains("there are: a, b, c"));
         assert!(refused("0 0 0\n1 1 1\n").contains("2 poses are too few"));
         assert!(refused(&"0.1 0.2 0.3\n".repeat(100)).contains("never moves"));
-        assert!(identify_track(Path::new("/nonexistent")).unwrap_err().to_string().contains("cannot read"));
+        assert!(
+            identify_track(Path::new("/nonexistent"))
+                .unwrap_err()
+                .to_string()
+                .contains("cannot read")
+        );
     }
 }

@@ -158,11 +158,21 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
     let map = TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?;
     let progress = Progress::start();
     let settings = settings(&arguments.common);
-    let identified = identify_recording(recording, &map, &settings, &mut |stage| progress.finished(stage))?;
+    let identified = identify_recording(recording, &map, &settings, &mut |stage| {
+        progress.finished(stage)
+    })?;
     progress.end();
-    let lost = identified.report.notes.iter().any(|note| note.starts_with("the file is damaged"));
+    let lost = identified
+        .report
+        .notes
+        .iter()
+        .any(|note| note.starts_with("the file is damaged"));
     finish(&identified, output, &arguments.common)?;
-    Ok(if lost { Outcome::DataLost } else { Outcome::Fine })
+    Ok(if lost {
+        Outcome::DataLost
+    } else {
+        Outcome::Fine
+    })
 }
 
 fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
@@ -190,7 +200,12 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         None => analyse(&samples, &settings(&arguments.common))?,
     };
     progress.end();
-    let identified = identified_table(&arguments.table, sha256(&arguments.table)?, &samples, analysis);
+    let identified = identified_table(
+        &arguments.table,
+        sha256(&arguments.table)?,
+        &samples,
+        analysis,
+    );
     finish(&identified, &arguments.output, &arguments.common)?;
     Ok(Outcome::Fine)
 }
@@ -198,15 +213,25 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
 fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
     let mut found = Vec::new();
     if !arguments.json {
-        println!("{:<28} {:<10} {:>9} {:>8}  axis", "track", "kind", "size m", "rms mm");
+        println!(
+            "{:<28} {:<10} {:>9} {:>8}  axis",
+            "track", "kind", "size m", "rms mm"
+        );
     }
     for path in &arguments.tracks {
         let joint = identify_track(path)?;
-        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let name = path
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         if !arguments.json {
             println!("{}", track_line(&name, &joint));
         }
-        let described = Joint::of_poses(&joint.joint.axis, &joint.joint, &joint.candidates, joint.q_range);
+        let described = Joint::of_poses(
+            &joint.joint.axis,
+            &joint.joint,
+            &joint.candidates,
+            joint.q_range,
+        );
         found.push(serde_json::json!({ "file": name, "joint": described }));
     }
     let text = format!("{:#}", serde_json::Value::Array(found));
@@ -219,7 +244,10 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
             std::fs::create_dir_all(directory)?;
             std::fs::write(&path, &text)
         };
-        write().map_err(|source| IdentifyError::Write { path: path.clone(), source })?;
+        write().map_err(|source| IdentifyError::Write {
+            path: path.clone(),
+            source,
+        })?;
         eprintln!("wrote {}", path.display());
     }
     Ok(Outcome::Fine)
@@ -243,10 +271,19 @@ fn finish(identified: &Identified, output: &Path, common: &Common) -> Result<(),
     let files = write_to(output, identified)?;
     if common.json {
         let text = identified.report.to_json();
-        println!("{}", text.map_err(|error| IdentifyError::Write { path: output.to_owned(), source: error.into() })?);
+        println!(
+            "{}",
+            text.map_err(|error| IdentifyError::Write {
+                path: output.to_owned(),
+                source: error.into()
+            })?
+        );
     } else {
         print!("{}", identified.report.summary());
-        if let Some(page) = files.iter().find(|file| file.extension().is_some_and(|e| e == "html")) {
+        if let Some(page) = files
+            .iter()
+            .find(|file| file.extension().is_some_and(|e| e == "html"))
+        {
             println!("report     {}", page.display());
         }
     }
@@ -254,12 +291,21 @@ fn finish(identified: &Identified, output: &Path, common: &Common) -> Result<(),
 }
 
 fn settings(common: &Common) -> MotionSettings {
-    MotionSettings { cutoff_hz: common.cutoff_hz, ..MotionSettings::default() }
+    MotionSettings {
+        cutoff_hz: common.cutoff_hz,
+        ..MotionSettings::default()
+    }
 }
 
 fn sha256(path: &Path) -> Result<String, IdentifyError> {
-    let bytes = std::fs::read(path).map_err(|source| TrackError::Io { path: path.to_owned(), source })?;
-    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+    let bytes = std::fs::read(path).map_err(|source| TrackError::Io {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect())
 }
 
 /// A line on the terminal once the work has taken two seconds; nothing when there is no terminal.

@@ -4,7 +4,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::DynamicsError;
 use crate::effect::{Column, Effect};
-use crate::least_squares::{Bound, FitError, bounded_quadratic, covariance_of_free, effective_count};
+use crate::least_squares::{
+    Bound, FitError, bounded_quadratic, covariance_of_free, effective_count,
+};
 use crate::mechanism::SplineMechanism;
 use crate::motion::Motion;
 
@@ -63,7 +65,12 @@ impl Design {
         let (params, samples) = (columns.len(), tau.len());
         let needed = 3 * params + 10;
         if samples < needed {
-            return Err(FitError::TooFewSamples { samples, params, needed }.into());
+            return Err(FitError::TooFewSamples {
+                samples,
+                params,
+                needed,
+            }
+            .into());
         }
         let mut y = DMatrix::zeros(samples, params);
         for (j, column) in columns.iter().enumerate() {
@@ -75,8 +82,20 @@ impl Design {
         let bounds = columns.iter().map(|column| column.bound).collect();
         let names = columns.iter().map(|column| column.name).collect();
         let units = columns.into_iter().map(|column| column.unit).collect();
-        let design =
-            Self { y, tau, bounds, names, units, params, folds, gram, right, penalties: Vec::new(), threshold: DVector::zeros(params), scale };
+        let design = Self {
+            y,
+            tau,
+            bounds,
+            names,
+            units,
+            params,
+            folds,
+            gram,
+            right,
+            penalties: Vec::new(),
+            threshold: DVector::zeros(params),
+            scale,
+        };
         design.check()?;
         Ok(design)
     }
@@ -84,11 +103,14 @@ impl Design {
     fn add_mechanism(&mut self, mechanism: &SplineMechanism, regressor: &DMatrix<f64>) {
         let (params, total) = (self.params, self.params + mechanism.len());
         self.y = self.y.clone().resize_horizontally(total, 0.0);
-        self.y.columns_mut(params, mechanism.len()).copy_from(regressor);
+        self.y
+            .columns_mut(params, mechanism.len())
+            .copy_from(regressor);
         self.bounds.extend(mechanism.bounds());
         for penalty in mechanism.penalties() {
             let mut full = DMatrix::zeros(total, total);
-            full.view_mut((params, params), penalty.shape()).copy_from(&penalty);
+            full.view_mut((params, params), penalty.shape())
+                .copy_from(&penalty);
             self.penalties.push(full);
         }
         self.scale = self.scale.clone().resize_vertically(total, 1.0);
@@ -99,7 +121,12 @@ impl Design {
     /// The threshold from the residual of a fit without one.
     fn set_threshold(&mut self) {
         let h = self.penalized(&self.gram, &[0.01, 0.1], 1.0);
-        let x = bounded_quadratic(&self.scaled(&h), &self.right.component_div(&self.scale), &self.bounds, None);
+        let x = bounded_quadratic(
+            &self.scaled(&h),
+            &self.right.component_div(&self.scale),
+            &self.bounds,
+            None,
+        );
         let residual = &self.tau - &self.y * x.component_div(&self.scale);
         let samples = self.tau.len() as f64;
         let independent = effective_count(residual.as_slice()).max(1.0);
@@ -112,20 +139,27 @@ impl Design {
     }
 
     fn check(&self) -> Result<(), DynamicsError> {
-        let bad = |i: &usize| !self.tau[*i].is_finite() || self.y.row(*i).iter().any(|v| !v.is_finite());
+        let bad =
+            |i: &usize| !self.tau[*i].is_finite() || self.y.row(*i).iter().any(|v| !v.is_finite());
         if let Some(row) = (0..self.tau.len()).find(bad) {
             return Err(FitError::NotFinite { row }.into());
         }
         let (rank, _) = self.rank_and_condition();
         if rank < self.params {
-            return Err(FitError::RankDeficient { rank, params: self.params }.into());
+            return Err(FitError::RankDeficient {
+                rank,
+                params: self.params,
+            }
+            .into());
         }
         Ok(())
     }
 
     /// Rank and condition of the parametric columns, each scaled to length 1.
     pub(super) fn rank_and_condition(&self) -> (usize, f64) {
-        let part = DMatrix::from_fn(self.params, self.params, |i, j| self.gram[(i, j)] / (self.scale[i] * self.scale[j]));
+        let part = DMatrix::from_fn(self.params, self.params, |i, j| {
+            self.gram[(i, j)] / (self.scale[i] * self.scale[j])
+        });
         let eigen = part.symmetric_eigenvalues();
         let (largest, smallest) = (eigen.max(), eigen.min().max(0.0));
         let rank = eigen.iter().filter(|v| **v > 1e-12 * largest).count();
@@ -161,11 +195,13 @@ impl Design {
         let solution = self.minimum(&h, &self.right, 1.0, None);
         let residual = &self.tau - &self.y * &solution;
         let samples = self.tau.len() as f64;
-        let at_bound: Vec<bool> =
-            (0..solution.len()).map(|j| j >= self.params && self.bounds[j] == Bound::NonNegative && solution[j] == 0.0).collect();
+        let at_bound: Vec<bool> = (0..solution.len())
+            .map(|j| j >= self.params && self.bounds[j] == Bound::NonNegative && solution[j] == 0.0)
+            .collect();
         let inverse = covariance_of_free(&self.scaled(&h), &at_bound);
         let effective = effective_count(residual.as_slice());
-        let variance = residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
+        let variance =
+            residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
         let covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
             inverse[(i, j)] / (self.scale[i] * self.scale[j]) * variance
         });
@@ -173,11 +209,19 @@ impl Design {
     }
 
     /// The columns that are not at a bound in `solution`, and their normal matrix with penalties.
-    pub(super) fn free_part(&self, solution: &DVector<f64>, smoothing: &[f64; 2]) -> (DMatrix<f64>, DMatrix<f64>) {
-        let free: Vec<usize> =
-            (0..solution.len()).filter(|&j| self.bounds[j] == Bound::Free || solution[j] > 0.0).collect();
+    pub(super) fn free_part(
+        &self,
+        solution: &DVector<f64>,
+        smoothing: &[f64; 2],
+    ) -> (DMatrix<f64>, DMatrix<f64>) {
+        let free: Vec<usize> = (0..solution.len())
+            .filter(|&j| self.bounds[j] == Bound::Free || solution[j] > 0.0)
+            .collect();
         let h = self.penalized(&self.gram, smoothing, 1.0);
-        (self.y.select_columns(&free), h.select_rows(&free).select_columns(&free))
+        (
+            self.y.select_columns(&free),
+            h.select_rows(&free).select_columns(&free),
+        )
     }
 
     fn fold_normals(&self) -> Vec<Fold> {
@@ -190,7 +234,12 @@ impl Design {
                 }
                 let (y, tau) = (self.y.select_rows(&rows), self.tau.select_rows(&rows));
                 let (gram, right) = normal(&y, &tau);
-                Some(Fold { gram, right, square: tau.norm_squared(), samples: rows.len() })
+                Some(Fold {
+                    gram,
+                    right,
+                    square: tau.norm_squared(),
+                    samples: rows.len(),
+                })
             })
             .collect()
     }
@@ -226,23 +275,34 @@ impl Design {
 
     /// Mean diagonal weight of the coefficients that a penalty is about.
     fn unit_weight(&self, penalty: &DMatrix<f64>) -> f64 {
-        let about: Vec<usize> = (0..penalty.ncols()).filter(|&j| penalty[(j, j)] > 0.0).collect();
+        let about: Vec<usize> = (0..penalty.ncols())
+            .filter(|&j| penalty[(j, j)] > 0.0)
+            .collect();
         about.iter().map(|&j| self.gram[(j, j)]).sum::<f64>() / about.len().max(1) as f64
     }
 
     /// Minimum with bounds. First with the threshold, which lets in only the damping that the data ask for; then without
     /// it over what was let in, so that nothing is shrunk.
-    fn minimum(&self, h: &DMatrix<f64>, right: &DVector<f64>, share: f64, warm: Option<&[bool]>) -> DVector<f64> {
+    fn minimum(
+        &self,
+        h: &DMatrix<f64>,
+        right: &DVector<f64>,
+        share: f64,
+        warm: Option<&[bool]>,
+    ) -> DVector<f64> {
         let scaled = self.scaled(h);
         let target = right.component_div(&self.scale);
         let held = (right - &self.threshold * share).component_div(&self.scale);
         let x = bounded_quadratic(&scaled, &held, &self.bounds, warm);
         let mut out = if self.threshold.amax() > 0.0 {
-            let kept: Vec<usize> = (0..x.len()).filter(|&j| x[j] != 0.0 || self.threshold[j] == 0.0).collect();
+            let kept: Vec<usize> = (0..x.len())
+                .filter(|&j| x[j] != 0.0 || self.threshold[j] == 0.0)
+                .collect();
             let bounds: Vec<Bound> = kept.iter().map(|&j| self.bounds[j]).collect();
             let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| scaled[(kept[i], kept[j])]);
             let started = vec![true; kept.len()];
-            let some = bounded_quadratic(&part, &target.select_rows(&kept), &bounds, Some(&started));
+            let some =
+                bounded_quadratic(&part, &target.select_rows(&kept), &bounds, Some(&started));
             let mut full = DVector::zeros(x.len());
             for (i, &j) in kept.iter().enumerate() {
                 full[j] = some[i];
@@ -256,7 +316,9 @@ impl Design {
     }
 
     fn scaled(&self, h: &DMatrix<f64>) -> DMatrix<f64> {
-        DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] / (self.scale[i] * self.scale[j]))
+        DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| {
+            h[(i, j)] / (self.scale[i] * self.scale[j])
+        })
     }
 }
 

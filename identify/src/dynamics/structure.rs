@@ -35,7 +35,9 @@ pub fn structure(motion: &Motion, residual: &[f64], effective_samples: f64) -> V
 
 fn explained(x: &[f64], residual: &[f64], effective_samples: f64) -> f64 {
     let bins = ((effective_samples / 8.0) as usize).clamp(2, 16);
-    let edges: Vec<f64> = (1..bins).map(|b| quantile(x, b as f64 / bins as f64)).collect();
+    let edges: Vec<f64> = (1..bins)
+        .map(|b| quantile(x, b as f64 / bins as f64))
+        .collect();
     let mut sums = vec![(0.0, 0.0); bins];
     for (x, r) in x.iter().zip(residual) {
         let bin = edges.partition_point(|edge| edge < x);
@@ -45,7 +47,11 @@ fn explained(x: &[f64], residual: &[f64], effective_samples: f64) -> f64 {
     let n = residual.len() as f64;
     let mean = residual.iter().sum::<f64>() / n;
     let total: f64 = residual.iter().map(|r| (r - mean).powi(2)).sum();
-    let between: f64 = sums.iter().filter(|s| s.1 > 0.0).map(|s| s.1 * (s.0 / s.1 - mean).powi(2)).sum();
+    let between: f64 = sums
+        .iter()
+        .filter(|s| s.1 > 0.0)
+        .map(|s| s.1 * (s.0 / s.1 - mean).powi(2))
+        .sum();
     if total <= 0.0 {
         return 0.0;
     }

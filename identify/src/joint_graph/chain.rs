@@ -50,7 +50,14 @@ impl Linearized {
                 right: StateVector::zeros(),
             })
             .collect();
-        Self { links, geometry: SMatrix::zeros(), right: SVector::zeros(), active, cost: 0.0, rows: 0.0 }
+        Self {
+            links,
+            geometry: SMatrix::zeros(),
+            right: SVector::zeros(),
+            active,
+            cost: 0.0,
+            rows: 0.0,
+        }
     }
 
     /// Adds a measured 3-vector of sample `i`; `part` 0 = position, 1 = rotation; the component along `ignored` counts for
@@ -68,7 +75,11 @@ impl Linearized {
         let components = if ignored.is_some() { 2.0_f64 } else { 3.0 };
         let residual = keep * residual;
         let distance = residual.norm() / (white * components.sqrt());
-        let weight = if distance < 3.0 { 1.0 } else { (3.0 / distance).powi(2) } / (white * white);
+        let weight = if distance < 3.0 {
+            1.0
+        } else {
+            (3.0 / distance).powi(2)
+        } / (white * white);
         let jacobian = jacobian.map(|column| keep * column);
         let link = &mut self.links[i];
         let wander = 1 + 3 * part;
@@ -107,7 +118,11 @@ impl Linearized {
         noise: &Wander,
         period: f64,
     ) {
-        let rho = if before.is_some() { (-period / noise.time_constant).exp() } else { 0.0 };
+        let rho = if before.is_some() {
+            (-period / noise.time_constant).exp()
+        } else {
+            0.0
+        };
         let weight = 1.0 / (noise.wander * noise.wander * (1.0 - rho * rho));
         let error = now - before.unwrap_or_default() * rho;
         for k in 0..3 {
@@ -154,12 +169,21 @@ impl Linearized {
             states[i] = state;
         }
         let unknowns = (count * STATE + self.active.len()) as f64;
-        Some(Step { geometry, states, covariance, freedom: self.rows - unknowns })
+        Some(Step {
+            geometry,
+            states,
+            covariance,
+            freedom: self.rows - unknowns,
+        })
     }
 
     fn solve_geometry(&self) -> Option<(SVector<f64, GEOMETRY>, DMatrix<f64>)> {
         let n = self.active.len();
-        let scale: Vec<f64> = self.active.iter().map(|&j| self.geometry[(j, j)].max(1e-12).sqrt()).collect();
+        let scale: Vec<f64> = self
+            .active
+            .iter()
+            .map(|&j| self.geometry[(j, j)].max(1e-12).sqrt())
+            .collect();
         let part = DMatrix::from_fn(n, n, |i, j| {
             let ridge = if i == j { 1e-12 } else { 0.0 };
             self.geometry[(self.active[i], self.active[j])] / (scale[i] * scale[j]) + ridge
@@ -173,7 +197,8 @@ impl Linearized {
         for i in 0..n {
             geometry[self.active[i]] = solution[i] / scale[i];
             for j in 0..n {
-                covariance[(self.active[i], self.active[j])] = inverse[(i, j)] / (scale[i] * scale[j]);
+                covariance[(self.active[i], self.active[j])] =
+                    inverse[(i, j)] / (scale[i] * scale[j]);
             }
         }
         Some((geometry, covariance))

@@ -16,7 +16,11 @@ pub struct Wander {
 
 impl Wander {
     pub(super) fn start(size: f64, period: f64) -> Self {
-        Self { white: size, wander: size, time_constant: 100.0 * period }
+        Self {
+            white: size,
+            wander: size,
+            time_constant: 100.0 * period,
+        }
     }
 
     /// All of the residual as white noise.
@@ -24,7 +28,11 @@ impl Wander {
         let absolute: Vec<f64> = series.iter().flatten().map(|v| v.abs()).collect();
         // 1.4826 median absolute values are a standard deviation.
         let white = (1.4826 * quantile(&absolute, 0.5)).max(1e-6);
-        Self { white, wander: 1e-4 * white, time_constant: 1e3 }
+        Self {
+            white,
+            wander: 1e-4 * white,
+            time_constant: 1e3,
+        }
     }
 
     /// Fits `D(lag) = 2 white^2 + 2 wander^2 (1 - exp(-lag / T))` to the mean squared differences of `series`, T from a
@@ -54,11 +62,15 @@ impl Wander {
         let wander = (wander / 2.0).sqrt();
         // A hundredth of the wander at least: less is beyond the arithmetic of the elimination.
         let white = (white / 2.0).sqrt().max(floor).max(0.01 * wander);
-        Some(Self { white, wander: wander.max(floor.max(0.01 * white)), time_constant })
+        Some(Self {
+            white,
+            wander: wander.max(floor.max(0.01 * white)),
+            time_constant,
+        })
     }
 }
 
-/// Mean squared difference at `lag` with the largest hundredth left out, so that single outliers do not count.
+/// Mean squared difference at `lag`, from the median, so that outliers do not count.
 fn structure(series: &[Vec<f64>], track: &PoseSamples, lag: usize) -> Option<f64> {
     let mut squares = Vec::new();
     for values in series {
@@ -74,9 +86,8 @@ fn structure(series: &[Vec<f64>], track: &PoseSamples, lag: usize) -> Option<f64
     if squares.len() < 20 {
         return None;
     }
-    let keep = squares.len() - squares.len() / 100;
-    let (kept, _, _) = squares.select_nth_unstable_by(keep - 1, f64::total_cmp);
-    Some((kept.iter().sum::<f64>() / kept.len().max(1) as f64).max(1e-18))
+    // The median of a squared normal variable is 0.4549 of its mean.
+    Some((quantile(&squares, 0.5) / 0.4549).max(1e-18))
 }
 
 /// Non-negative (2 white^2, 2 wander^2) and the sum of squared relative errors for one time constant.
@@ -92,12 +103,18 @@ fn fit(points: &[(f64, f64)], time_constant: f64) -> (f64, f64, f64) {
         r2 += b;
     }
     let determinant = s11 * s22 - s12 * s12;
-    let (mut white, mut wander) = ((r1 * s22 - r2 * s12) / determinant, (s11 * r2 - s12 * r1) / determinant);
+    let (mut white, mut wander) = (
+        (r1 * s22 - r2 * s12) / determinant,
+        (s11 * r2 - s12 * r1) / determinant,
+    );
     if !(white.is_finite() && wander.is_finite()) || wander < 0.0 {
         (white, wander) = (r1 / s11, 0.0);
     } else if white < 0.0 {
         (white, wander) = (0.0, r2 / s22);
     }
-    let error = points.iter().map(|&(t, d)| ((white + wander * growth(t)) / d - 1.0).powi(2)).sum();
+    let error = points
+        .iter()
+        .map(|&(t, d)| ((white + wander * growth(t)) / d - 1.0).powi(2))
+        .sum();
     (white, wander, error)
 }

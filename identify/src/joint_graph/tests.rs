@@ -12,29 +12,47 @@ fn strokes(t: f64, range: f64) -> f64 {
 }
 
 /// Tool poses on `axis` at 50 Hz with white noise and an exponentially correlated wander.
-fn track(axis: &ScrewAxis, handle: Point3<f64>, range: f64, seed: u64, wander: [f64; 2]) -> PoseSamples {
+fn track(
+    axis: &ScrewAxis,
+    handle: Point3<f64>,
+    range: f64,
+    seed: u64,
+    wander: [f64; 2],
+) -> PoseSamples {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = || Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
     let (period, rho) = (0.02, (-0.02_f64 / 10.0).exp());
     let start: UnitQuaternion<f64> = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.8, 1.1));
     let mut drift = [draw() * wander[0], draw() * wander[1]];
-    let mut samples = PoseSamples { starts: vec![0], period, ..PoseSamples::default() };
+    let mut samples = PoseSamples {
+        starts: vec![0],
+        period,
+        ..PoseSamples::default()
+    };
     for i in 0..3000 {
         for (d, size) in drift.iter_mut().zip(wander) {
             let kick: Vector3<f64> = draw();
             *d = *d * rho + kick * (size * (1.0 - rho * rho).sqrt());
         }
         let motion = axis.motion(strokes(i as f64 * period, range));
-        samples.positions.push(motion * handle + drift[0] + draw() * 1e-5);
+        samples
+            .positions
+            .push(motion * handle + drift[0] + draw() * 1e-5);
         let error = drift[1] + draw() * 1e-4;
-        samples.rotations.push(UnitQuaternion::from_scaled_axis(error) * motion.rotation * start);
+        samples
+            .rotations
+            .push(UnitQuaternion::from_scaled_axis(error) * motion.rotation * start);
     }
     samples
 }
 
 fn door() -> (ScrewAxis, Point3<f64>) {
     let direction = Unit::new_normalize(Vector3::new(0.05, -0.02, 1.0));
-    let axis = ScrewAxis { direction, point: Point3::new(0.4, -1.2, 0.0), kind: JointKind::Revolute };
+    let axis = ScrewAxis {
+        direction,
+        point: Point3::new(0.4, -1.2, 0.0),
+        kind: JointKind::Revolute,
+    };
     (axis, Point3::new(1.15, -1.0, 1.05))
 }
 
@@ -47,7 +65,11 @@ fn a_door_axis_is_found_despite_the_trackers_wander() {
         assert_eq!(chosen.kind, JointKind::Revolute, "seed {seed}");
         let joint = refine(&samples, &chosen);
         let (angle, distance) = joint.axis.separation(&truth);
-        assert!(angle.to_degrees() < 0.5, "seed {seed}: {} deg", angle.to_degrees());
+        assert!(
+            angle.to_degrees() < 0.5,
+            "seed {seed}: {} deg",
+            angle.to_degrees()
+        );
         assert!(distance < 5e-3, "seed {seed}: {distance} m");
         assert!(joint.uses_rotations);
     }
@@ -74,14 +96,22 @@ fn the_stated_uncertainty_covers_the_error() {
 #[test]
 fn a_drawer_is_a_line_also_when_the_wander_bends_it() {
     let direction = Unit::new_normalize(Vector3::new(1.0, 0.2, -0.03));
-    let truth = ScrewAxis { direction, point: Point3::new(0.2, 0.1, 0.6), kind: JointKind::Prismatic };
+    let truth = ScrewAxis {
+        direction,
+        point: Point3::new(0.2, 0.1, 0.6),
+        kind: JointKind::Prismatic,
+    };
     for seed in 0..10 {
         let samples = track(&truth, truth.point, 0.4, 200 + seed, [3e-3, 3.5e-3]);
         let chosen = select(&samples).unwrap();
         assert_eq!(chosen.kind, JointKind::Prismatic, "seed {seed}");
         let joint = refine(&samples, &chosen);
         let (angle, _) = joint.axis.separation(&truth);
-        assert!(angle.to_degrees() < 0.5, "seed {seed}: {} deg", angle.to_degrees());
+        assert!(
+            angle.to_degrees() < 0.5,
+            "seed {seed}: {} deg",
+            angle.to_degrees()
+        );
         assert_eq!(joint.position_std, 0.0);
     }
 }
@@ -94,7 +124,11 @@ fn positions_alone_give_the_door_too() {
     let joint = refine(&samples, &select(&samples).unwrap());
     let (angle, distance) = joint.axis.separation(&truth);
     assert!(!joint.uses_rotations);
-    assert!(angle.to_degrees() < 0.5 && distance < 5e-3, "{} deg, {distance} m", angle.to_degrees());
+    assert!(
+        angle.to_degrees() < 0.5 && distance < 5e-3,
+        "{} deg, {distance} m",
+        angle.to_degrees()
+    );
 }
 
 #[test]
@@ -103,11 +137,16 @@ fn single_outliers_do_not_move_the_axis() {
     let mut samples = track(&truth, handle, 1.2, 6, [1e-3, 1e-3]);
     for i in (0..samples.positions.len()).step_by(97) {
         samples.positions[i] += Vector3::new(0.2, -0.1, 0.3);
-        samples.rotations[i] = UnitQuaternion::from_scaled_axis(Vector3::new(1.0, 0.0, 0.4)) * samples.rotations[i];
+        samples.rotations[i] =
+            UnitQuaternion::from_scaled_axis(Vector3::new(1.0, 0.0, 0.4)) * samples.rotations[i];
     }
     let joint = refine(&samples, &select(&samples).unwrap());
     let (angle, distance) = joint.axis.separation(&truth);
-    assert!(angle.to_degrees() < 0.5 && distance < 5e-3, "{} deg, {distance} m", angle.to_degrees());
+    assert!(
+        angle.to_degrees() < 0.5 && distance < 5e-3,
+        "{} deg, {distance} m",
+        angle.to_degrees()
+    );
 }
 
 #[test]
@@ -126,7 +165,11 @@ fn jacobians_agree_with_finite_differences() {
     for kind in [JointKind::Revolute, JointKind::Prismatic] {
         let direction = Unit::new_normalize(Vector3::new(0.3, -0.4, 0.9));
         let state = State {
-            axis: ScrewAxis { direction, point: Point3::new(0.1, 0.2, 0.3), kind },
+            axis: ScrewAxis {
+                direction,
+                point: Point3::new(0.1, 0.2, 0.3),
+                kind,
+            },
             p0: Point3::new(0.9, -0.3, 0.5),
             r0: UnitQuaternion::from_scaled_axis(Vector3::new(0.2, 0.1, -0.5)),
             q: vec![0.8],
@@ -137,7 +180,11 @@ fn jacobians_agree_with_finite_differences() {
             let motion = s.axis.motion(s.q[0]);
             (motion * s.p0, motion.rotation * s.r0)
         };
-        let skip: &[usize] = if kind == JointKind::Prismatic { &[2, 3] } else { &[] };
+        let skip: &[usize] = if kind == JointKind::Prismatic {
+            &[2, 3]
+        } else {
+            &[]
+        };
         for column in (0..=GEOMETRY).filter(|c| !skip.contains(&c.wrapping_sub(1))) {
             let h = 1e-6;
             let moved = |sign: f64| {
@@ -159,8 +206,14 @@ fn jacobians_agree_with_finite_differences() {
             let ((p1, r1), (p0, r0)) = (moved(1.0), moved(-1.0));
             let position = (p1 - p0) / (2.0 * h);
             let rotation = (r1 * r0.inverse()).scaled_axis() / (2.0 * h);
-            assert!((position - analytic[0][column]).norm() < 1e-6, "{kind:?} position, column {column}");
-            assert!((rotation - analytic[1][column]).norm() < 1e-6, "{kind:?} rotation, column {column}");
+            assert!(
+                (position - analytic[0][column]).norm() < 1e-6,
+                "{kind:?} position, column {column}"
+            );
+            assert!(
+                (rotation - analytic[1][column]).norm() < 1e-6,
+                "{kind:?} rotation, column {column}"
+            );
         }
     }
 }

@@ -28,11 +28,15 @@ pub fn bounded_quadratic(
 ) -> DVector<f64> {
     let n = f.len();
     let bounded = |j: usize| bounds.get(j) == Some(&Bound::NonNegative);
-    let mut free: Vec<bool> = (0..n).map(|j| !bounded(j) || start.is_some_and(|s| s[j])).collect();
+    let mut free: Vec<bool> = (0..n)
+        .map(|j| !bounded(j) || start.is_some_and(|s| s[j]))
+        .collect();
     // A warm start may be infeasible: drop what comes out negative until it is not.
     let mut x = loop {
         let candidate = solve_free(h, f, &mut free);
-        let negative: Vec<usize> = (0..n).filter(|&j| free[j] && bounded(j) && candidate[j] <= 0.0).collect();
+        let negative: Vec<usize> = (0..n)
+            .filter(|&j| free[j] && bounded(j) && candidate[j] <= 0.0)
+            .collect();
         if negative.is_empty() {
             break candidate;
         }
@@ -85,10 +89,17 @@ fn step_to_feasible(
             return;
         }
         let leaving: Vec<usize> = (0..x.len())
-            .filter(|&j| blocking(j) && x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE) <= step * (1.0 + 1e-12))
+            .filter(|&j| {
+                blocking(j)
+                    && x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE) <= step * (1.0 + 1e-12)
+            })
             .collect();
         for j in 0..x.len() {
-            x[j] = if free[j] { x[j] + step.min(1.0) * (target[j] - x[j]) } else { 0.0 };
+            x[j] = if free[j] {
+                x[j] + step.min(1.0) * (target[j] - x[j])
+            } else {
+                0.0
+            };
         }
         for j in leaving {
             free[j] = false;
@@ -142,7 +153,15 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let y = DMatrix::from_fn(3 * n, n, |_, _| StandardNormal.sample(&mut rng));
         let tau = DVector::from_fn(3 * n, |_, _| StandardNormal.sample(&mut rng));
-        let bounds = (0..n).map(|j| if j % 3 == 0 { Bound::Free } else { Bound::NonNegative }).collect();
+        let bounds = (0..n)
+            .map(|j| {
+                if j % 3 == 0 {
+                    Bound::Free
+                } else {
+                    Bound::NonNegative
+                }
+            })
+            .collect();
         (y.transpose() * &y, y.transpose() * tau, bounds)
     }
 
@@ -170,7 +189,12 @@ mod tests {
     fn two_equal_columns_share_or_leave_but_never_break() {
         let y = DMatrix::from_fn(10, 2, |i, _| 1.0 + i as f64);
         let tau = DVector::from_fn(10, |i, _| 2.0 * (1.0 + i as f64));
-        let x = bounded_quadratic(&(y.transpose() * &y), &(y.transpose() * &tau), &[Bound::NonNegative; 2], None);
+        let x = bounded_quadratic(
+            &(y.transpose() * &y),
+            &(y.transpose() * &tau),
+            &[Bound::NonNegative; 2],
+            None,
+        );
         assert!(x.iter().all(|v| *v >= 0.0));
         assert!((x.sum() - 2.0).abs() < 1e-9);
     }

@@ -16,13 +16,21 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let border = (1.5 / cutoff_hz / motion.period).ceil() as usize;
     let window = (0.5 / cutoff_hz / motion.period).ceil() as usize;
     motion.slow_speed = slow_speed(motion);
-    let slow: Vec<bool> = motion.dq.iter().map(|v| v.abs() < motion.slow_speed).collect();
+    let slow: Vec<bool> = motion
+        .dq
+        .iter()
+        .map(|v| v.abs() < motion.slow_speed)
+        .collect();
     let stuck = widened(motion, &lasting(motion, &slow), window);
     let speeds: Vec<f64> = motion.ddq.iter().map(|a| a.abs()).collect();
     let implausible = 3.0 * quantile(&speeds, 0.99);
     let (low, high) = (quantile(&motion.q, 0.0), quantile(&motion.q, 1.0));
     let margin = 0.01 * (high - low);
-    let at_limit: Vec<bool> = motion.q.iter().map(|q| *q < low + margin || *q > high - margin).collect();
+    let at_limit: Vec<bool> = motion
+        .q
+        .iter()
+        .map(|q| *q < low + margin || *q > high - margin)
+        .collect();
     let near_limit = widened(motion, &at_limit, window);
     let mut total = 0;
     for run in motion.runs.clone() {
@@ -52,14 +60,20 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
 /// than a third of the typical speed, so that slow strokes survive.
 fn slow_speed(motion: &Motion) -> f64 {
     let speeds: Vec<f64> = motion.dq.iter().map(|v| v.abs()).collect();
-    let moving: Vec<f64> = speeds.iter().copied().filter(|v| *v > 0.02 * quantile(&speeds, 0.95)).collect();
+    let moving: Vec<f64> = speeds
+        .iter()
+        .copied()
+        .filter(|v| *v > 0.02 * quantile(&speeds, 0.95))
+        .collect();
     let noise = motion
         .noise_of_q
         .iter()
         .filter_map(|series| motion.filtered(&motion.derivative(series)).ok())
         .map(|series| crate::least_squares::rms(&series))
         .fold(0.0, f64::max);
-    (0.02 * quantile(&speeds, 0.95)).max(4.0 * noise).min(quantile(&moving, 0.5) / 3.0)
+    (0.02 * quantile(&speeds, 0.95))
+        .max(4.0 * noise)
+        .min(quantile(&moving, 0.5) / 3.0)
 }
 
 /// The flags that hold for at least 30 ms on end.

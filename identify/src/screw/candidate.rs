@@ -8,8 +8,9 @@
 //!
 //! Besides, an arc must bend: its sagitta must exceed three times its own residual, or it is a line.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, Unit, Vector3};
 
+use super::orientation::orientation_criteria;
 use super::{JointKind, PoseSamples, ScrewAxis, perpendiculars};
 use crate::least_squares::{effective_count, rms};
 
@@ -56,8 +57,8 @@ pub struct Candidates {
     pub orientation_agrees: bool,
 }
 
-struct Curve {
-    axis: ScrewAxis,
+pub(super) struct Curve {
+    pub(super) axis: ScrewAxis,
     radius: f64,
     /// Two perpendicular distances per sample, m.
     residuals: [Vec<f64>; 2],
@@ -74,19 +75,28 @@ const MIN_EXTENT_M: f64 = 0.02;
 pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
     let samples = track.positions.len();
     if samples < MIN_SAMPLES {
-        return Err(SelectError::TooFewSamples { samples, needed: MIN_SAMPLES });
+        return Err(SelectError::TooFewSamples {
+            samples,
+            needed: MIN_SAMPLES,
+        });
     }
     let (middle, axes, extent) = principal(&track.positions, &vec![1.0; samples]);
     if extent < MIN_EXTENT_M {
-        return Err(SelectError::NeverMoves { extent_m: extent, needed_m: MIN_EXTENT_M });
+        return Err(SelectError::NeverMoves {
+            extent_m: extent,
+            needed_m: MIN_EXTENT_M,
+        });
     }
     let circle = fit_circle(&track.positions, middle, axes);
     let line = fit_line(&track.positions, &circle.weights);
     let position_bic = criteria(&circle, &line);
     let (circle_rms, line_rms) = (weighted_rms(&circle), weighted_rms(&line));
-    let bends = extent * extent / (8.0 * circle.radius) > 3.0 * circle_rms && circle.radius < 20.0 * extent;
+    let bends =
+        extent * extent / (8.0 * circle.radius) > 3.0 * circle_rms && circle.radius < 20.0 * extent;
     let (mut bic_revolute, mut bic_prismatic) = position_bic;
-    let turn = track.has_rotations().then(|| orientation_criteria(track, &circle, &line));
+    let turn = track
+        .has_rotations()
+        .then(|| orientation_criteria(track, &circle, &line));
     // Positions decide when they can; a tool that turns in the hand must not outvote an arc.
     let decisive = (bic_revolute - bic_prismatic).abs() > 30.0;
     if let Some(turn) = &turn
@@ -95,8 +105,16 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
         bic_revolute += turn.bic_revolute;
         bic_prismatic += turn.bic_prismatic;
     }
-    let kind = if bends && bic_revolute < bic_prismatic { JointKind::Revolute } else { JointKind::Prismatic };
-    let chosen = if kind == JointKind::Revolute { circle.axis } else { line.axis };
+    let kind = if bends && bic_revolute < bic_prismatic {
+        JointKind::Revolute
+    } else {
+        JointKind::Prismatic
+    };
+    let chosen = if kind == JointKind::Revolute {
+        circle.axis
+    } else {
+        line.axis
+    };
     let orientation_agrees = turn.is_some_and(|turn| turn.agrees(kind));
     Ok(Candidates {
         kind,
@@ -113,7 +131,12 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
 /// Mean, principal directions (largest first) and extent along the first.
 fn principal(positions: &[Point3<f64>], weights: &[f64]) -> (Point3<f64>, [Vector3<f64>; 3], f64) {
     let total: f64 = weights.iter().sum();
-    let middle = positions.iter().zip(weights).map(|(p, w)| p.coords * *w).sum::<Vector3<f64>>() / total;
+    let middle = positions
+        .iter()
+        .zip(weights)
+        .map(|(p, w)| p.coords * *w)
+        .sum::<Vector3<f64>>()
+        / total;
     let scatter = positions
         .iter()
         .zip(weights)
@@ -123,7 +146,10 @@ fn principal(positions: &[Point3<f64>], weights: &[f64]) -> (Point3<f64>, [Vecto
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let axes = order.map(|i| eigen.eigenvectors.column(i).into_owned());
-    let mut along: Vec<f64> = positions.iter().map(|p| (p.coords - middle).dot(&axes[0])).collect();
+    let mut along: Vec<f64> = positions
+        .iter()
+        .map(|p| (p.coords - middle).dot(&axes[0]))
+        .collect();
     along.sort_by(f64::total_cmp);
     let at = |fraction: f64| along[((along.len() - 1) as f64 * fraction) as usize];
     (Point3::from(middle), axes, at(0.99) - at(0.01))
@@ -132,16 +158,33 @@ fn principal(positions: &[Point3<f64>], weights: &[f64]) -> (Point3<f64>, [Vecto
 /// The line that fits best with weights given: an arc must not pass for a line by its ends counting as outliers.
 fn fit_line(positions: &[Point3<f64>], weights: &[f64]) -> Curve {
     let (middle, axes, _) = principal(positions, weights);
-    let residuals = [1, 2].map(|i| positions.iter().map(|p| (p - middle).dot(&axes[i])).collect());
-    let axis = ScrewAxis { direction: Unit::new_normalize(axes[0]), point: middle, kind: JointKind::Prismatic };
-    Curve { axis, radius: f64::INFINITY, residuals, weights: weights.to_vec() }
+    let residuals = [1, 2].map(|i| {
+        positions
+            .iter()
+            .map(|p| (p - middle).dot(&axes[i]))
+            .collect()
+    });
+    let axis = ScrewAxis {
+        direction: Unit::new_normalize(axes[0]),
+        point: middle,
+        kind: JointKind::Prismatic,
+    };
+    Curve {
+        axis,
+        radius: f64::INFINITY,
+        residuals,
+        weights: weights.to_vec(),
+    }
 }
 
 fn fit_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: [Vector3<f64>; 3]) -> Curve {
     let mut weights = vec![1.0; positions.len()];
     let (centre, mut radius) = algebraic_circle(positions, middle, &axes);
-    let mut axis =
-        ScrewAxis { direction: Unit::new_normalize(axes[2]), point: centre, kind: JointKind::Revolute };
+    let mut axis = ScrewAxis {
+        direction: Unit::new_normalize(axes[2]),
+        point: centre,
+        kind: JointKind::Revolute,
+    };
     let mut residuals = distances(positions, &axis, radius);
     let mut damping = 1e-6;
     let mut cost = weighted_cost(&residuals, &weights);
@@ -150,8 +193,11 @@ fn fit_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: [Vector3<f64
         let step = circle_step(positions, &axis, &residuals, &weights, damping);
         let turned = axis.direction.into_inner() + first * step[0] + second * step[1];
         let shift = first * step[2] + second * step[3] + axis.direction.into_inner() * step[4];
-        let next =
-            ScrewAxis { direction: Unit::new_normalize(turned), point: axis.point + shift, kind: JointKind::Revolute };
+        let next = ScrewAxis {
+            direction: Unit::new_normalize(turned),
+            point: axis.point + shift,
+            kind: JointKind::Revolute,
+        };
         let next_residuals = distances(positions, &next, radius + step[5]);
         let next_cost = weighted_cost(&next_residuals, &weights);
         if next_cost.is_finite() && next_cost <= cost {
@@ -166,11 +212,20 @@ fn fit_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: [Vector3<f64
             damping *= 10.0;
         }
     }
-    Curve { axis, radius: radius.abs(), residuals, weights }
+    Curve {
+        axis,
+        radius: radius.abs(),
+        residuals,
+        weights,
+    }
 }
 
 /// Circle in the plane of the two largest principal directions, from the linear equations of its points.
-fn algebraic_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: &[Vector3<f64>; 3]) -> (Point3<f64>, f64) {
+fn algebraic_circle(
+    positions: &[Point3<f64>],
+    middle: Point3<f64>,
+    axes: &[Vector3<f64>; 3],
+) -> (Point3<f64>, f64) {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for p in positions {
@@ -179,15 +234,26 @@ fn algebraic_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: &[Vect
         normal += row * row.transpose();
         right += row * (x * x + y * y);
     }
-    let s = normal.try_inverse().map_or_else(|| Vector3::new(0.0, 1e3, 0.0), |inverse| inverse * right);
+    let s = normal
+        .try_inverse()
+        .map_or_else(|| Vector3::new(0.0, 1e3, 0.0), |inverse| inverse * right);
     let radius = (s[2] + s[0] * s[0] + s[1] * s[1]).max(1e-9).sqrt();
     (middle + axes[0] * s[0] + axes[1] * s[1], radius)
 }
 
 /// Height above the plane and distance from the circle within it.
 fn distances(positions: &[Point3<f64>], axis: &ScrewAxis, radius: f64) -> [Vec<f64>; 2] {
-    let height = positions.iter().map(|p| axis.direction.dot(&(p - axis.point))).collect();
-    [height, positions.iter().map(|p| axis.distance(p) - radius).collect()]
+    let height = positions
+        .iter()
+        .map(|p| axis.direction.dot(&(p - axis.point)))
+        .collect();
+    [
+        height,
+        positions
+            .iter()
+            .map(|p| axis.distance(p) - radius)
+            .collect(),
+    ]
 }
 
 /// One Levenberg-Marquardt step in [tilt 2, centre 3, radius].
@@ -225,132 +291,68 @@ fn circle_step(
         normal[(k, k)] *= 1.0 + damping;
         normal[(k, k)] += 1e-12;
     }
-    normal.cholesky().map_or_else(|| DVector::zeros(6), |c| c.solve(&right))
+    normal
+        .cholesky()
+        .map_or_else(|| DVector::zeros(6), |c| c.solve(&right))
 }
 
 fn weighted_cost(residuals: &[Vec<f64>; 2], weights: &[f64]) -> f64 {
-    weights.iter().enumerate().map(|(i, w)| w * (residuals[0][i].powi(2) + residuals[1][i].powi(2))).sum()
+    weights
+        .iter()
+        .enumerate()
+        .map(|(i, w)| w * (residuals[0][i].powi(2) + residuals[1][i].powi(2)))
+        .sum()
 }
 
 fn weighted_rms(curve: &Curve) -> f64 {
-    (weighted_cost(&curve.residuals, &curve.weights) / curve.weights.iter().sum::<f64>().max(1.0)).sqrt()
+    (weighted_cost(&curve.residuals, &curve.weights) / curve.weights.iter().sum::<f64>().max(1.0))
+        .sqrt()
 }
 
 /// Tukey's biweight at 6 median absolute distances.
 fn tukey(residuals: &[Vec<f64>; 2]) -> Vec<f64> {
-    let distance: Vec<f64> = residuals[0].iter().zip(&residuals[1]).map(|(a, b)| a.hypot(*b)).collect();
+    let distance: Vec<f64> = residuals[0]
+        .iter()
+        .zip(&residuals[1])
+        .map(|(a, b)| a.hypot(*b))
+        .collect();
     let mut sorted = distance.clone();
     sorted.sort_by(f64::total_cmp);
     let scale = 6.0 * sorted[sorted.len() / 2].max(1e-12);
-    distance.iter().map(|d| if *d < scale { (1.0 - (d / scale).powi(2)).powi(2) } else { 0.0 }).collect()
+    distance
+        .iter()
+        .map(|d| {
+            if *d < scale {
+                (1.0 - (d / scale).powi(2)).powi(2)
+            } else {
+                0.0
+            }
+        })
+        .collect()
 }
 
 /// Independent residuals of a pair of series.
-fn independent(series: &[Vec<f64>]) -> f64 {
+pub(super) fn independent(series: &[Vec<f64>]) -> f64 {
     // The weighted mean of the autocorrelations: the larger component counts more.
     let power: Vec<f64> = series.iter().map(|s| rms(s).powi(2)).collect();
     let total: f64 = power.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    let inverse: f64 = series.iter().zip(&power).map(|(s, p)| p / total / effective_count(s)).sum();
+    let inverse: f64 = series
+        .iter()
+        .zip(&power)
+        .map(|(s, p)| p / total / effective_count(s))
+        .sum();
     series.len() as f64 / inverse.max(f64::MIN_POSITIVE)
 }
 
 fn criteria(circle: &Curve, line: &Curve) -> (f64, f64) {
     // The better fit tells noise from shape, so its residual says how much is independent.
-    let better = if weighted_rms(circle) < weighted_rms(line) { circle } else { line };
-    let m = independent(&better.residuals);
-    let bic = |curve: &Curve, k: f64| m * (weighted_rms(curve).powi(2).max(1e-18)).ln() + k * m.ln();
-    (bic(circle, 6.0), bic(line, 4.0))
-}
-
-struct Turn {
-    bic_revolute: f64,
-    bic_prismatic: f64,
-    rms_revolute: f64,
-    rms_prismatic: f64,
-    sweep: f64,
-}
-
-impl Turn {
-    /// Whether the tool's rotation is what the joint would give it, to a tenth of the sweep or 3 degrees.
-    fn agrees(&self, kind: JointKind) -> bool {
-        match kind {
-            JointKind::Revolute => self.rms_revolute < (0.1 * self.sweep).max(0.05),
-            JointKind::Prismatic => self.rms_prismatic < 0.05,
-        }
-    }
-}
-
-/// How well either joint predicts the tool's rotation, the grasp rotation fitted robustly.
-fn orientation_criteria(track: &PoseSamples, circle: &Curve, line: &Curve) -> Turn {
-    let predicted = angles(&track.positions, &circle.axis);
-    let sweep = predicted.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-        - predicted.iter().copied().fold(f64::INFINITY, f64::min);
-    let turned = rotation_residuals(track, |i| UnitQuaternion::from_axis_angle(&circle.axis.direction, predicted[i]));
-    let still = rotation_residuals(track, |_| UnitQuaternion::identity());
-    let better = if robust_rms(&turned) < robust_rms(&still) { &turned } else { &still };
-    let m = independent(&better.clone());
-    let bic = |series: &[Vec<f64>]| m * robust_rms(series).powi(2).max(1e-12).ln() + 3.0 * m.ln();
-    let _ = line;
-    Turn {
-        bic_revolute: bic(&turned),
-        bic_prismatic: bic(&still),
-        rms_revolute: robust_rms(&turned),
-        rms_prismatic: robust_rms(&still),
-        sweep,
-    }
-}
-
-/// Angle of each position about a revolute axis, unwrapped, 0 at the first, rad.
-pub(crate) fn angles(positions: &[Point3<f64>], axis: &ScrewAxis) -> Vec<f64> {
-    let Some(first) = positions.first() else { return Vec::new() };
-    let flat = |p: &Point3<f64>| {
-        let arm = p - axis.point;
-        arm - axis.direction.into_inner() * axis.direction.dot(&arm)
+    let better = if weighted_rms(circle) < weighted_rms(line) {
+        circle
+    } else {
+        line
     };
-    let start = flat(first);
-    let mut last = 0.0;
-    positions
-        .iter()
-        .map(|p| {
-            let arm = flat(p);
-            let raw = axis.direction.dot(&start.cross(&arm)).atan2(start.dot(&arm));
-            last = raw + core::f64::consts::TAU * ((last - raw) / core::f64::consts::TAU).round();
-            last
-        })
-        .collect()
-}
-
-/// Rotation left over when the tool turned as `motion` says, about its robust mean; three series, rad.
-fn rotation_residuals(track: &PoseSamples, motion: impl Fn(usize) -> UnitQuaternion<f64>) -> Vec<Vec<f64>> {
-    let grasp: Vec<UnitQuaternion<f64>> =
-        track.rotations.iter().enumerate().map(|(i, r)| motion(i).inverse() * r).collect();
-    let mean = robust_mean(&grasp);
-    let logs: Vec<Vector3<f64>> = grasp.iter().map(|g| (g * mean.inverse()).scaled_axis()).collect();
-    (0..3).map(|k| logs.iter().map(|l| l[k]).collect()).collect()
-}
-
-/// Mean rotation with weights that fall off with the angle.
-pub(crate) fn robust_mean(rotations: &[UnitQuaternion<f64>]) -> UnitQuaternion<f64> {
-    let mut mean = rotations.get(rotations.len() / 2).copied().unwrap_or_default();
-    for _ in 0..15 {
-        let logs: Vec<Vector3<f64>> = rotations.iter().map(|r| (r * mean.inverse()).scaled_axis()).collect();
-        let mut norms: Vec<f64> = logs.iter().map(Vector3::norm).collect();
-        norms.sort_by(f64::total_cmp);
-        let scale = (2.0 * norms[norms.len() / 2]).max(1e-9);
-        let weight = |l: &Vector3<f64>| 1.0 / (1.0 + (l.norm() / scale).powi(2));
-        let total: f64 = logs.iter().map(weight).sum();
-        let step = logs.iter().map(|l| l * weight(l)).sum::<Vector3<f64>>() / total;
-        mean = UnitQuaternion::from_scaled_axis(step) * mean;
-    }
-    mean
-}
-
-/// Spread from the median absolute value, so that flips of a marker do not count.
-fn robust_rms(series: &[Vec<f64>]) -> f64 {
-    let n = series.first().map_or(0, Vec::len);
-    let mut norms: Vec<f64> =
-        (0..n).map(|i| series.iter().map(|s| s[i] * s[i]).sum::<f64>().sqrt()).collect();
-    norms.sort_by(f64::total_cmp);
-    // Median of the length of a 3-vector with unit components is 1.538.
-    norms.get(n / 2).map_or(0.0, |m| m / 1.538)
+    let m = independent(&better.residuals);
+    let bic =
+        |curve: &Curve, k: f64| m * (weighted_rms(curve).powi(2).max(1e-18)).ln() + k * m.ln();
+    (bic(circle, 6.0), bic(line, 4.0))
 }

@@ -36,7 +36,10 @@ pub struct Recipe {
 ///
 /// # Errors
 /// Filter and fit errors.
-pub fn identify_published(samples: &JointSamples, recipe: &Recipe) -> Result<Analysis, IdentifyError> {
+pub fn identify_published(
+    samples: &JointSamples,
+    recipe: &Recipe,
+) -> Result<Analysis, IdentifyError> {
     let filter = LowPass::butterworth(recipe.lowpass_order, recipe.lowpass_hz, samples.rate_hz())?;
     let mut kept = FitSeries::default();
     let (mut acceleration, mut sign, mut stroke) = (Vec::new(), Vec::new(), Vec::new());
@@ -45,18 +48,34 @@ pub fn identify_published(samples: &JointSamples, recipe: &Recipe) -> Result<Ana
         let q = filter.zero_phase(&samples.q[run.clone()])?;
         let dq = central_difference(&q, samples.period);
         let ddq = central_difference(&dq, samples.period);
-        let signs: Vec<f64> = dq.iter().map(|v| if *v == 0.0 { 0.0 } else { v.signum() }).collect();
+        let signs: Vec<f64> = dq
+            .iter()
+            .map(|v| if *v == 0.0 { 0.0 } else { v.signum() })
+            .collect();
         let number = stroke.last().map_or(0, |last| last + 1);
         let of_sample = strokes(&[0..q.len()], &q, 0.03 * (high - low));
-        let inner = recipe.drop_border..q.len().saturating_sub(recipe.drop_border).max(recipe.drop_border);
+        let inner = recipe.drop_border
+            ..q.len()
+                .saturating_sub(recipe.drop_border)
+                .max(recipe.drop_border);
         let part = |series: &[f64]| decimate(&series[inner.clone()], recipe.decimate);
         acceleration.extend(part(&ddq)?);
         sign.extend(part(&signs)?);
         kept.dq.extend(part(&dq)?);
         kept.tau.extend(part(&samples.tau[run.clone()])?);
-        kept.q.extend(q[inner.clone()].iter().step_by(recipe.decimate));
-        kept.time.extend(samples.time[run.clone()][inner.clone()].iter().step_by(recipe.decimate));
-        stroke.extend(of_sample[inner].iter().step_by(recipe.decimate).map(|s| s + number));
+        kept.q
+            .extend(q[inner.clone()].iter().step_by(recipe.decimate));
+        kept.time.extend(
+            samples.time[run.clone()][inner.clone()]
+                .iter()
+                .step_by(recipe.decimate),
+        );
+        stroke.extend(
+            of_sample[inner]
+                .iter()
+                .step_by(recipe.decimate)
+                .map(|s| s + number),
+        );
     }
     let kind = samples.kind;
     let column = |name, unit: &str, bound, values: &[f64]| Column {
@@ -66,23 +85,54 @@ pub fn identify_published(samples: &JointSamples, recipe: &Recipe) -> Result<Ana
         values: values.to_vec(),
     };
     let mut columns = vec![
-        column("inertia", kind.inertia_unit(), Bound::NonNegative, &acceleration),
+        column(
+            "inertia",
+            kind.inertia_unit(),
+            Bound::NonNegative,
+            &acceleration,
+        ),
         column("coulomb", kind.effort_unit(), Bound::NonNegative, &sign),
         column("viscous", kind.viscous_unit(), Bound::NonNegative, &kept.dq),
     ];
     let count = (stroke.iter().max().map_or(0, |s| s / 2) + 1).clamp(1, 6);
-    let folds = || (stroke.iter().map(|s| (s / 2) % count).collect::<Vec<usize>>(), count);
+    let folds = || {
+        (
+            stroke
+                .iter()
+                .map(|s| (s / 2) % count)
+                .collect::<Vec<usize>>(),
+            count,
+        )
+    };
     if kept.tau.is_empty() {
-        return Err(DynamicsError::from(FitError::TooFewSamples { samples: 0, params: 3, needed: 19 }).into());
+        return Err(DynamicsError::from(FitError::TooFewSamples {
+            samples: 0,
+            params: 3,
+            needed: 19,
+        })
+        .into());
     }
     let base = fit_columns(columns.clone(), kept.tau.clone(), folds())?;
     if recipe.offset {
-        columns.push(column("load", kind.effort_unit(), Bound::Free, &vec![1.0; kept.tau.len()]));
+        columns.push(column(
+            "load",
+            kind.effort_unit(),
+            Bound::Free,
+            &vec![1.0; kept.tau.len()],
+        ));
     }
     let full = fit_columns(columns, kept.tau.clone(), folds())?;
     // The recipe says nothing about noise; the part of the residual that changes from one sample to the next is taken.
-    let steps: Vec<f64> = full.residual.windows(2).map(|w| (w[1] - w[0]) / 2.0_f64.sqrt()).collect();
-    let floor = NoiseFloor { rms: rms(&steps), wrench_rms: f64::NAN, position_rms: f64::NAN };
+    let steps: Vec<f64> = full
+        .residual
+        .windows(2)
+        .map(|w| (w[1] - w[0]) / 2.0_f64.sqrt())
+        .collect();
+    let floor = NoiseFloor {
+        rms: rms(&steps),
+        wrench_rms: f64::NAN,
+        position_rms: f64::NAN,
+    };
     let (verdict, unexplained_fraction) = judge(&full, floor.rms, rms(&kept.tau));
     Ok(Analysis {
         kind,
@@ -96,7 +146,10 @@ pub fn identify_published(samples: &JointSamples, recipe: &Recipe) -> Result<Ana
         unexplained_fraction,
         used: kept.tau.len(),
         gated: [("border", 2 * recipe.drop_border * samples.runs.len())].into(),
-        probing: FitSeries { tau: Vec::new(), ..kept.clone() },
+        probing: FitSeries {
+            tau: Vec::new(),
+            ..kept.clone()
+        },
         series: kept,
     })
 }

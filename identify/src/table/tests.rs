@@ -8,7 +8,11 @@ fn table(text: &str) -> tempfile::NamedTempFile {
 }
 
 fn columns() -> TableColumns {
-    TableColumns { time: "t".into(), position: "q".into(), effort: "f".into() }
+    TableColumns {
+        time: "t".into(),
+        position: "q".into(),
+        effort: "f".into(),
+    }
 }
 
 fn read(text: &str) -> Result<JointSamples, TableError> {
@@ -34,32 +38,57 @@ fn named_columns_are_read_and_others_ignored() {
 #[test]
 fn a_missing_column_names_those_there() {
     let error = read("t,x,f\n0,0,0\n").unwrap_err().to_string();
-    assert!(error.contains("no column `q`") && error.contains("t, x, f"), "{error}");
+    assert!(
+        error.contains("no column `q`") && error.contains("t, x, f"),
+        "{error}"
+    );
 }
 
 #[test]
 fn text_in_a_cell_is_shown_with_its_place() {
     let error = read("t,q,f\n0,0,0\n0.1,oops,0\n").unwrap_err().to_string();
-    assert!(error.contains("row 3, column `q`: `oops` is not a number"), "{error}");
+    assert!(
+        error.contains("row 3, column `q`: `oops` is not a number"),
+        "{error}"
+    );
 }
 
 #[test]
 fn a_nan_is_shown_with_its_place() {
     let error = read("t,q,f\n0,0,NaN\n").unwrap_err().to_string();
-    assert!(error.contains("row 2, column `f`: NaN is not finite"), "{error}");
+    assert!(
+        error.contains("row 2, column `f`: NaN is not finite"),
+        "{error}"
+    );
 }
 
 #[test]
 fn time_that_does_not_increase_is_shown_with_its_row() {
-    let error = read("t,q,f\n0,0,0\n0.2,0,0\n0.2,0,0\n").unwrap_err().to_string();
-    assert!(error.contains("row 4: time 0.2 s does not come after 0.2 s"), "{error}");
+    let error = read("t,q,f\n0,0,0\n0.2,0,0\n0.2,0,0\n")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("row 4: time 0.2 s does not come after 0.2 s"),
+        "{error}"
+    );
 }
 
 #[test]
 fn too_few_rows_are_refused() {
-    assert!(matches!(read(&rows(50)), Err(TableError::TooShort { rows: 50, needed: 100, .. })));
     assert!(matches!(
-        read_table(Path::new("/nonexistent/x.csv"), &columns(), JointKind::Revolute),
+        read(&rows(50)),
+        Err(TableError::TooShort {
+            rows: 50,
+            needed: 100,
+            ..
+        })
+    ));
+    assert!(matches!(
+        read_table(
+            Path::new("/nonexistent/x.csv"),
+            &columns(),
+            JointKind::Revolute
+        ),
         Err(TableError::Io { .. })
     ));
 }

@@ -44,21 +44,36 @@ impl ToolKinematics {
         };
         for run in &tool.runs {
             let rotations = &out.rotation[run.clone()];
-            let origin: Vec<Vector3<f64>> =
-                run.clone().map(|i| tool.position[i].coords + tool.rotation[i] * arm).collect();
+            let origin: Vec<Vector3<f64>> = run
+                .clone()
+                .map(|i| tool.position[i].coords + tool.rotation[i] * arm)
+                .collect();
             if run.len() <= filter.edge_samples() + 4 {
-                let still = rotations.iter().map(|r| r.inverse() * Vector3::new(0.0, 0.0, -GRAVITY));
+                let still = rotations
+                    .iter()
+                    .map(|r| r.inverse() * Vector3::new(0.0, 0.0, -GRAVITY));
                 out.specific.extend(still);
                 out.rate.extend(rotations.iter().map(|_| Vector3::zeros()));
-                out.angular.extend(rotations.iter().map(|_| Vector3::zeros()));
+                out.angular
+                    .extend(rotations.iter().map(|_| Vector3::zeros()));
                 continue;
             }
             let smooth = smoothed(rotations, &filter)?;
-            let acceleration = per_axis(&origin, |x| Ok(second_derivative(&filter.zero_phase_settled(x)?, tool.period)))?;
+            let acceleration = per_axis(&origin, |x| {
+                Ok(second_derivative(
+                    &filter.zero_phase_settled(x)?,
+                    tool.period,
+                ))
+            })?;
             let rate = body_rates(&smooth, tool.period);
             let angular = per_axis(&rate, |x| Ok(first_derivative(x, tool.period)))?;
             let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
-            out.specific.extend(acceleration.iter().zip(&smooth).map(|(a, r)| r.inverse() * (gravity - a)));
+            out.specific.extend(
+                acceleration
+                    .iter()
+                    .zip(&smooth)
+                    .map(|(a, r)| r.inverse() * (gravity - a)),
+            );
             out.rate.extend(rate);
             out.angular.extend(angular);
         }
@@ -72,15 +87,27 @@ fn per_axis(
 ) -> Result<Vec<Vector3<f64>>, FilterError> {
     let axis = |k: usize| f(&series.iter().map(|v| v[k]).collect::<Vec<_>>());
     let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
-    Ok((0..series.len()).map(|i| Vector3::new(x[i], y[i], z[i])).collect())
+    Ok((0..series.len())
+        .map(|i| Vector3::new(x[i], y[i], z[i]))
+        .collect())
 }
 
 /// Rotations through the filter, component by component and brought back to length 1.
-fn smoothed(rotations: &[UnitQuaternion<f64>], filter: &LowPass) -> Result<Vec<UnitQuaternion<f64>>, FilterError> {
-    let mut components: [Vec<f64>; 4] = core::array::from_fn(|_| Vec::with_capacity(rotations.len()));
-    let mut last = rotations.first().map_or(Quaternion::identity(), |r| r.into_inner());
+fn smoothed(
+    rotations: &[UnitQuaternion<f64>],
+    filter: &LowPass,
+) -> Result<Vec<UnitQuaternion<f64>>, FilterError> {
+    let mut components: [Vec<f64>; 4] =
+        core::array::from_fn(|_| Vec::with_capacity(rotations.len()));
+    let mut last = rotations
+        .first()
+        .map_or(Quaternion::identity(), |r| r.into_inner());
     for rotation in rotations {
-        let q = if rotation.coords.dot(&last.coords) < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
+        let q = if rotation.coords.dot(&last.coords) < 0.0 {
+            -rotation.into_inner()
+        } else {
+            rotation.into_inner()
+        };
         for (k, component) in components.iter_mut().enumerate() {
             component.push(q.coords[k]);
         }
@@ -93,7 +120,9 @@ fn smoothed(rotations: &[UnitQuaternion<f64>], filter: &LowPass) -> Result<Vec<U
         filter.zero_phase_settled(&z)?,
         filter.zero_phase_settled(&w)?,
     );
-    Ok((0..rotations.len()).map(|i| UnitQuaternion::from_quaternion(Quaternion::new(w[i], x[i], y[i], z[i]))).collect())
+    Ok((0..rotations.len())
+        .map(|i| UnitQuaternion::from_quaternion(Quaternion::new(w[i], x[i], y[i], z[i])))
+        .collect())
 }
 
 /// Angular rate in body axes, from each sample's neighbours.

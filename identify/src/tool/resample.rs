@@ -14,7 +14,11 @@ pub(super) struct Stream {
 impl Stream {
     pub(super) fn new(samples: Vec<(f64, [f64; 6])>) -> Self {
         let period = median_step(samples.iter().map(|s| s.0));
-        Self { samples, hole: HOLE_S.max(3.0 * period), period }
+        Self {
+            samples,
+            hole: HOLE_S.max(3.0 * period),
+            period,
+        }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -27,7 +31,10 @@ impl Stream {
     }
 
     pub(super) fn span(&self) -> (f64, f64) {
-        (self.samples.first().map_or(0.0, |s| s.0), self.samples.last().map_or(0.0, |s| s.0))
+        (
+            self.samples.first().map_or(0.0, |s| s.0),
+            self.samples.last().map_or(0.0, |s| s.0),
+        )
     }
 
     /// Linear interpolation at `t`; `from` moves along with rising `t`.
@@ -64,11 +71,18 @@ impl PoseStream {
             (samples[b].1.translation.vector - samples[a].1.translation.vector) / time
         };
         let slopes = (0..samples.len()).map(slope).collect();
-        Self { samples, slopes, hole }
+        Self {
+            samples,
+            slopes,
+            hole,
+        }
     }
 
     pub(super) fn span(&self) -> (f64, f64) {
-        (self.samples.first().map_or(0.0, |s| s.0), self.samples.last().map_or(0.0, |s| s.0))
+        (
+            self.samples.first().map_or(0.0, |s| s.0),
+            self.samples.last().map_or(0.0, |s| s.0),
+        )
     }
 
     /// Hermite position and slerp rotation at `t`.
@@ -81,8 +95,14 @@ impl PoseStream {
             + b.translation.vector * (3.0 * u2 - 2.0 * u3)
             + self.slopes[i] * (step * (u3 - 2.0 * u2 + u))
             + self.slopes[i + 1] * (step * (u3 - u2));
-        let rotation = a.rotation.try_slerp(&b.rotation, u, 1e-9).unwrap_or(a.rotation);
-        Some(Isometry3::from_parts(Translation3::from(position), rotation))
+        let rotation = a
+            .rotation
+            .try_slerp(&b.rotation, u, 1e-9)
+            .unwrap_or(a.rotation);
+        Some(Isometry3::from_parts(
+            Translation3::from(position),
+            rotation,
+        ))
     }
 }
 
@@ -115,12 +135,23 @@ fn bracket<T>(samples: &[(f64, T)], t: f64, from: &mut usize, hole: f64) -> Opti
     if t < a - 1e-9 || t > b + 1e-9 || step > hole {
         return None;
     }
-    Some((*from, if step > 0.0 { ((t - a) / step).clamp(0.0, 1.0) } else { 0.0 }))
+    Some((
+        *from,
+        if step > 0.0 {
+            ((t - a) / step).clamp(0.0, 1.0)
+        } else {
+            0.0
+        },
+    ))
 }
 
 fn median_step(times: impl Iterator<Item = f64>) -> f64 {
     let times: Vec<f64> = times.collect();
-    let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
+    let steps: Vec<f64> = times
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .filter(|s| *s > 0.0)
+        .collect();
     let median = crate::samples::quantile(&steps, 0.5);
     if median > 0.0 { median } else { 1.0 }
 }
@@ -132,7 +163,10 @@ mod tests {
     #[test]
     fn positions_between_samples_follow_a_smooth_path() {
         let path = |t: f64| Vector3::new((3.0 * t).sin(), t * t, 0.0);
-        let samples = (0..100).map(|i| 0.01 * f64::from(i)).map(|t| (t, Isometry3::new(path(t), Vector3::z() * t))).collect();
+        let samples = (0..100)
+            .map(|i| 0.01 * f64::from(i))
+            .map(|t| (t, Isometry3::new(path(t), Vector3::z() * t)))
+            .collect();
         let stream = PoseStream::new(samples);
         let mut from = 0;
         for k in 0..180 {
@@ -145,7 +179,10 @@ mod tests {
 
     #[test]
     fn nothing_is_read_inside_a_hole() {
-        let samples = (0..100).filter(|i| !(40..45).contains(i)).map(|i| (0.01 * f64::from(i), [f64::from(i); 6])).collect();
+        let samples = (0..100)
+            .filter(|i| !(40..45).contains(i))
+            .map(|i| (0.01 * f64::from(i), [f64::from(i); 6]))
+            .collect();
         let stream = Stream::new(samples);
         let mut from = 0;
         assert_eq!(stream.at(0.385, &mut from).unwrap()[0], 38.5);

@@ -1,0 +1,133 @@
+//! The report in words.
+
+use std::fmt::Write as _;
+
+use super::Report;
+use crate::analysis::Verdict;
+use crate::screw::JointKind;
+
+impl Report {
+    /// A few lines for a terminal.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let mut out = String::new();
+        let joint = &self.joint;
+        let _ = writeln!(out, "joint      {}", self.joint_line());
+        if let (Some(direction), Some(point)) = (joint.axis_direction, joint.axis_point) {
+            let [dx, dy, dz] = direction;
+            let [px, py, pz] = point;
+            let _ = writeln!(
+                out,
+                "axis       direction [{dx:.4} {dy:.4} {dz:.4}] ± {:.2} deg",
+                joint.std.direction_deg.unwrap_or(f64::NAN)
+            );
+            let std = joint
+                .std
+                .position_m
+                .map_or_else(String::new, |std| format!(" ± {:.1} mm", std * 1e3));
+            let _ = writeln!(out, "           point [{px:.4} {py:.4} {pz:.4}] m{std}");
+        }
+        for term in &self.last.terms {
+            let value = match (term.value, term.std) {
+                (Some(value), Some(std)) => format!("{} {}", with_std(value, std), term.unit),
+                _ => format!(
+                    "not identified: {}",
+                    self.not_identified
+                        .get(&term.name)
+                        .map_or("", String::as_str)
+                ),
+            };
+            let _ = writeln!(out, "{:<10} {value}", term.name);
+        }
+        let unit = joint.kind.effort_unit();
+        if let Some(mechanism) = &self.mechanism {
+            let [low, high] = mechanism.load_range;
+            let _ = writeln!(
+                out,
+                "mechanism  load from {low:.2} to {high:.2} {unit} over the range"
+            );
+        }
+        if let (Some(base), Some(last), Some(floor)) = (
+            self.base.held_out_rms,
+            self.last.held_out_rms,
+            self.last.noise_floor_rms,
+        ) {
+            let _ = writeln!(
+                out,
+                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); I, mu, b alone {base:.3}; noise floor {floor:.3}",
+                100.0 * self.last.relative_error.unwrap_or(f64::NAN)
+            );
+        }
+        let _ = writeln!(out, "verdict    {}", self.verdict_line());
+        if let Some(lag) = self.lag.filter(|lag| lag.applied) {
+            let _ = writeln!(
+                out,
+                "lag        the wrench is {:.1} ms late; taken out",
+                lag.value_s * 1e3
+            );
+        }
+        for (what, why) in self
+            .not_identified
+            .iter()
+            .filter(|(what, _)| self.term(what).is_none())
+        {
+            let _ = writeln!(out, "unknown    {what}: {why}");
+        }
+        for note in &self.notes {
+            let _ = writeln!(out, "note       {note}");
+        }
+        out
+    }
+
+    fn joint_line(&self) -> String {
+        let [low, high] = self.joint.q_range;
+        match self.joint.kind {
+            JointKind::Revolute => {
+                let radius = self
+                    .joint
+                    .radius_m
+                    .map_or_else(String::new, |r| format!(", held {r:.3} m from the axis"));
+                format!(
+                    "revolute, probed from {:.1} to {:.1} deg{radius}",
+                    low.to_degrees(),
+                    high.to_degrees()
+                )
+            }
+            JointKind::Prismatic => format!("prismatic, probed from {low:.3} to {high:.3} m"),
+        }
+    }
+
+    /// The verdict in words.
+    #[must_use]
+    pub fn verdict_line(&self) -> String {
+        match self.last.verdict {
+            Verdict::Explained => "explained: what is left is at the noise floor".to_owned(),
+            Verdict::NotIdentifiable => "not identifiable: the data cannot tell".to_owned(),
+            Verdict::Unexplained => {
+                let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
+                let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
+                    Some(s) => format!(
+                        "it stands most against {} ({:.0} % of it)",
+                        s.variable,
+                        100.0 * s.share
+                    ),
+                    None => "it stands against none of q, dq, ddq, sign, time".to_owned(),
+                };
+                format!(
+                    "unexplained: {share:.1} % of the effort is neither modelled nor noise; {against}"
+                )
+            }
+        }
+    }
+}
+
+/// `value ± std` with as many digits as the standard deviation deserves.
+#[must_use]
+pub fn with_std(value: f64, std: f64) -> String {
+    let digits = if std > 0.0 {
+        (1.0 - std.log10().floor()).clamp(0.0, 6.0) as usize
+    } else {
+        3
+    };
+    format!("{value:.digits$} ± {std:.digits$}")
+}

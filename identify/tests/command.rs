@@ -1,0 +1,159 @@
+//! The command: exit codes, what goes to which stream, and messages for wrong input.
+#![allow(clippy::unwrap_used)]
+
+use std::process::{Command, Output};
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ft-identify"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn table(directory: &std::path::Path, rows: impl Iterator<Item = [f64; 3]>) -> String {
+    let path = directory.join("axis.csv");
+    let mut content = "t,q,f\n".to_owned();
+    for [t, q, f] in rows {
+        content += &format!("{t},{q},{f}\n");
+    }
+    std::fs::write(&path, content).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+/// A slide of 2 kg, 1.5 N, 3 N s/m, pushed to and fro ever faster.
+fn slide() -> impl Iterator<Item = [f64; 3]> {
+    (0..12000).map(|i| {
+        let t = 0.0025 * f64::from(i);
+        let (phi, d1, d2) = (0.5 * t + 0.06 * t * t, 0.5 + 0.12 * t, 0.12);
+        let (dq, ddq) = (
+            0.15 * phi.sin() * d1,
+            0.15 * (phi.cos() * d1 * d1 + phi.sin() * d2),
+        );
+        [
+            t,
+            0.15 * (1.0 - phi.cos()),
+            2.0 * ddq + 1.5 * dq.signum() + 3.0 * dq + 0.01 * (f64::from(i) * 2.39).sin(),
+        ]
+    })
+}
+
+#[test]
+fn a_table_gives_parameters_and_three_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let out = directory.path().join("out");
+    let output = out.to_str().unwrap();
+    let columns = [
+        "--time",
+        "t",
+        "--position",
+        "q",
+        "--effort",
+        "f",
+        "--kind",
+        "prismatic",
+    ];
+    let done = run(&[&["table", &file, "-o", output], &columns[..]].concat());
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    assert!(
+        text(&done.stdout).contains("inertia    2.0"),
+        "{}",
+        text(&done.stdout)
+    );
+    for name in ["report.json", "report.html", "twin.json"] {
+        assert!(out.join(name).exists());
+    }
+    let done = run(&[&["table", &file, "-o", output, "--json"], &columns[..]].concat());
+    let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(report["joint"]["kind"], "prismatic");
+}
+
+#[test]
+fn wrong_arguments_end_with_2_and_wrong_input_with_1() {
+    assert_eq!(run(&[]).status.code(), Some(2));
+    assert_eq!(run(&["x.mcap"]).status.code(), Some(2), "-o is needed");
+    assert_eq!(
+        run(&["table", "x.csv", "--kind", "helical"]).status.code(),
+        Some(2)
+    );
+    let missing = run(&["/nonexistent/x.mcap", "-o", "/tmp/never"]);
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(
+        text(&missing.stderr).starts_with("error: ") && missing.stdout.is_empty(),
+        "{}",
+        text(&missing.stderr)
+    );
+    let directory = tempfile::tempdir().unwrap();
+    let foreign = directory.path().join("foreign.mcap");
+    std::fs::write(&foreign, b"this is not a recording").unwrap();
+    assert_eq!(
+        run(&[foreign.to_str().unwrap(), "-o", "/tmp/never"])
+            .status
+            .code(),
+        Some(1)
+    );
+}
+
+#[test]
+fn a_table_without_the_column_lists_those_there() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide().take(200));
+    let done = run(&[
+        "table",
+        &file,
+        "--time",
+        "t",
+        "--position",
+        "angle",
+        "--effort",
+        "f",
+        "--kind",
+        "revolute",
+        "-o",
+        "x",
+    ]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(
+        text(&done.stderr).contains("no column `angle`; there are: t, q, f"),
+        "{}",
+        text(&done.stderr)
+    );
+}
+
+#[test]
+fn a_track_prints_kind_and_size() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("track.txt");
+    let line = |i: i32| {
+        let a = 0.01 * f64::from(i);
+        format!(
+            "{} {} {}\n",
+            0.5 * a.cos() + 1e-3 * (a * 91.0).sin(),
+            0.5 * a.sin(),
+            1e-3 * (a * 77.0).cos()
+        )
+    };
+    std::fs::write(&path, (0..120).map(line).collect::<String>()).unwrap();
+    let done = run(&["track", path.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    assert!(
+        text(&done.stdout).contains("revolute   r   0.5"),
+        "{}",
+        text(&done.stdout)
+    );
+    let out = directory.path().join("out");
+    let done = run(&[
+        "track",
+        path.to_str().unwrap(),
+        "--json",
+        "-o",
+        out.to_str().unwrap(),
+    ]);
+    let found: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(found[0]["joint"]["kind"], "revolute");
+    assert!(out.join("joint.json").exists());
+}
