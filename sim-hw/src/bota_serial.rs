@@ -118,7 +118,7 @@ impl BotaSerial {
             return;
         }
         let t = seconds(at);
-        let read = self.sensor.read(scene.sight(t).wrench, t);
+        let read = self.sensor.read(scene.felt(t), t);
         let mut status = if self.late { TOOK_TOO_LONG } else { 0 };
         self.late = false;
         let over = |axis: usize| read[axis].abs() > if axis < 3 { RATED_N } else { RATED_NM };

@@ -29,7 +29,7 @@
 //! | Dynamixel | half duplex with echo on some adapters | no echo |
 //! | tracker | glasses over their own software | our own stream, `pose_stream` |
 //! | CAN | arbitration, error frames, bus-off | none; frames keep their order |
-//! | gripper | pads and wrist give way | rigid grasp |
+//! | gripper | pads and wrist give way | rigid grasp, unless a scenario's `[[undeclared]]` says otherwise |
 #![forbid(unsafe_code)]
 
 mod bota_serial;
@@ -38,7 +38,9 @@ mod clock;
 mod crc;
 mod device;
 mod dynamixel;
+mod hold;
 mod jaw;
+mod measurement;
 mod motion;
 mod person;
 mod pose_stream;

@@ -39,9 +39,7 @@ impl Played<Chunk> for PoseStream {
 
     fn run(&mut self, at: SimNanos, scene: &Scene, out: &mut Outbox<Chunk>) {
         self.cadence.tick();
-        let (position, quaternion) = self
-            .tracker
-            .read(&scene.sight(seconds(at)).tcp, seconds(at));
+        let (position, quaternion) = self.tracker.read(&scene.seen(seconds(at)).tcp, seconds(at));
         push_bytes(
             out,
             at,

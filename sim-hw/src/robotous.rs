@@ -161,9 +161,7 @@ impl Rft {
     }
 
     fn gauges(&mut self, at: SimNanos, scene: &Scene) -> [f64; 6] {
-        let fresh = self
-            .sensor
-            .read(scene.sight(seconds(at)).wrench, seconds(at));
+        let fresh = self.sensor.read(scene.felt(seconds(at)), seconds(at));
         let [kind, code] = self.stored.filter;
         let Some(cut_off) = CUT_OFFS_HZ
             .get(usize::from(code).wrapping_sub(1))

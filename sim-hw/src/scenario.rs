@@ -4,12 +4,14 @@
 //! moved (`[world]`). `q` is in rad or m by joint kind and grows as the object opens.
 
 mod check;
+mod effect;
 mod parts;
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+pub use effect::EffectSpec;
 pub use parts::{
     ClockSpec, GraspSpec, GripperSpec, JointKind, JointSpec, MechanismSpec, ObjectSpec, PersonSpec,
     SensorDriver, SensorSpec, StrutSpec, SwingDirection, ToolSpec, TrackerSpec, WorldSpec,
@@ -24,6 +26,9 @@ pub struct Scenario {
     pub name: String,
     /// One sentence for people.
     pub description: String,
+    /// Mixed into the seed, so that two files differ under the same seed; 0 leaves the seed as it is.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub salt: u32,
     /// The one joint of the object.
     pub joint: JointSpec,
     /// Inertia, friction, stops, weight.
@@ -33,6 +38,9 @@ pub struct Scenario {
     /// What else acts on the joint.
     #[serde(default, rename = "mechanism")]
     pub mechanisms: Vec<MechanismSpec>,
+    /// What else is so, on the object and in the measurement, and is kept from every model.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub undeclared: Vec<EffectSpec>,
     /// The wrist force-torque sensor.
     pub sensor: SensorSpec,
     /// The tracker's world in the building.
@@ -50,6 +58,11 @@ pub struct Scenario {
     /// The gripper's encoder.
     #[serde(default)]
     pub gripper: GripperSpec,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde hands a reference
+fn is_zero(salt: &u32) -> bool {
+    *salt == 0
 }
 
 const BUILTIN: [(&str, &str); 6] = [
@@ -99,6 +112,19 @@ impl Scenario {
         let scenario: Self = toml::from_str(text).map_err(ScenarioError::Toml)?;
         scenario.check()?;
         Ok(scenario)
+    }
+
+    /// The scenario as the text of a TOML file, which [`Scenario::from_toml`] takes back.
+    ///
+    /// # Errors
+    /// A value is not finite, or another one that TOML cannot hold.
+    pub fn to_toml(&self) -> Result<String, ScenarioError> {
+        toml::to_string(self).map_err(ScenarioError::NotToml)
+    }
+
+    /// The seed that everything random is drawn from.
+    pub(crate) fn salted(&self, seed: u64) -> u64 {
+        seed ^ u64::from(self.salt).wrapping_mul(0x9E37_79B9_7F4A_7C15)
     }
 
     /// A built-in scenario by its name, or else a file by its path (anything with a `/` or ending in `.toml` is a path).
@@ -154,6 +180,9 @@ pub enum ScenarioError {
     /// No TOML, or keys that a scenario does not have.
     #[error("{0}")]
     Toml(toml::de::Error),
+    /// TOML cannot hold the scenario.
+    #[error("the scenario cannot be written as TOML: {0}")]
+    NotToml(toml::ser::Error),
     /// A value outside the allowed ones.
     #[error("{key} is {value}: it must be {allowed}")]
     Value {

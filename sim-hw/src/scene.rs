@@ -1,5 +1,7 @@
 //! World, person and tool together: what is true at an instant.
 
+use crate::hold::{Grasp, Hold};
+use crate::measurement::Measurement;
 use crate::motion::{Jet, RigidMotion};
 use crate::person::contact::Grip;
 use crate::person::free_air::{self, FreeAir};
@@ -9,7 +11,7 @@ use crate::random::{Random, Stream};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::setting::Setting;
 use crate::tool::{ContactWrench, Tool};
-use crate::world::{Drive, Free, Moment, STEPS_PER_SECOND, World, mechanism};
+use crate::world::{Drive, Free, Moment, Passive, STEPS_PER_SECOND, World, effect, mechanism};
 
 /// Seconds from the start of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +58,7 @@ impl Timeline {
 #[derive(Debug)]
 enum Phase {
     Before,
-    Held(Box<Person>),
+    Held(Box<Hold>),
     After(RigidMotion),
 }
 
@@ -69,6 +71,8 @@ pub(crate) struct Sight {
     pub(crate) wrench: [f64; 6],
     /// The joint's motion and the effort on it.
     pub(crate) moment: Moment,
+    /// Where the hand is in the joint's coordinate; the joint itself while nobody holds it.
+    pub(crate) hand: Jet,
 }
 
 #[derive(Debug)]
@@ -83,6 +87,8 @@ pub(crate) struct Scene {
     grip: Grip,
     free_air: FreeAir,
     handle_width: f64,
+    grasp: Grasp,
+    measurement: Measurement,
 }
 
 impl Scene {
@@ -92,10 +98,17 @@ impl Scene {
         seconds: Option<f64>,
     ) -> Result<Self, ScenarioError> {
         let timeline = Timeline::lasting(seconds)?;
+        let seed = scenario.salted(seed);
         let setting = Setting::draw(scenario, &mut Random::new(seed, Stream::Setting));
-        let passives = scenario.mechanisms.iter().map(mechanism::build).collect();
-        let mut world = World::new(setting.joint.clone(), scenario.object.clone(), passives);
+        let (object, undeclared) = (&scenario.object, &scenario.undeclared);
+        let mut passives: Vec<Box<dyn Passive>> =
+            scenario.mechanisms.iter().map(mechanism::build).collect();
+        let open = scenario.joint.range[1];
+        passives.extend(effect::build(undeclared, object, open, timeline.grasp));
+        let object = effect::without_bristles(undeclared, object);
+        let mut world = World::new(setting.joint.clone(), object, passives);
         world.settle()?;
+        let measurement = Measurement::new(undeclared);
         let tool = Tool::new(&scenario.tool);
         let mut random = Random::new(seed, Stream::Person);
         let at_grasp = setting.carry(Jet::constant(world.state().q));
@@ -123,6 +136,8 @@ impl Scene {
                 &mut random,
             ),
             handle_width: scenario.grasp.handle_width_m,
+            grasp: Grasp::new(undeclared, &setting, timeline.grasp),
+            measurement,
             phase: Phase::Before,
             hand,
             world,
@@ -137,8 +152,13 @@ impl Scene {
         while self.world.state().t < t {
             self.begin_step();
             match &self.phase {
-                Phase::Held(person) => self.world.step(person.as_ref()),
+                Phase::Held(hold) => self.world.step(hold.as_ref()),
                 _ => self.world.step(&Free),
+            }
+            if self.measurement.remembers() {
+                let t = self.world.state().t;
+                let sight = self.sight(t);
+                self.measurement.remember(t, sight);
             }
         }
     }
@@ -147,16 +167,18 @@ impl Scene {
         let state = self.world.state();
         match &mut self.phase {
             Phase::Before if state.t >= self.timeline.grasp => {
-                let mut person =
+                let person =
                     Person::grasping(self.hand.clone(), std::mem::take(&mut self.plan), state);
-                person.begin_step(state);
-                self.phase = Phase::Held(Box::new(person));
+                let mut hold = Hold::new(person, self.grasp.clone(), state);
+                hold.begin_step(state);
+                self.phase = Phase::Held(Box::new(hold));
             }
-            Phase::Held(_) if state.t >= self.timeline.release => {
-                let held = self.setting.carry(Jet::constant(state.q));
+            Phase::Held(hold) if state.t >= self.timeline.release => {
+                let hand = hold.hand(Jet::constant(state.q), state.t);
+                let held = hold.tcp(&self.setting, Jet::constant(hand.value), state.t);
                 self.phase = Phase::After(held);
             }
-            Phase::Held(person) => person.begin_step(state),
+            Phase::Held(hold) => hold.begin_step(state),
             _ => {}
         }
     }
@@ -164,35 +186,55 @@ impl Scene {
     /// What is true at `t`, which lies in the last step.
     pub(crate) fn sight(&self, t: f64) -> Sight {
         let drive: &dyn Drive = match &self.phase {
-            Phase::Held(person) => person.as_ref(),
+            Phase::Held(hold) => hold.as_ref(),
             _ => &Free,
         };
         let moment = self.world.moment(drive, t);
+        let mut hand = Jet {
+            value: moment.state.q,
+            rate: moment.state.dq,
+            rate_change: moment.ddq,
+        };
         let (tcp, contact) = match &self.phase {
             Phase::Before => (self.free_air.before(t), ContactWrench::default()),
             Phase::After(held) => (
                 self.free_air.after(held, self.timeline.release, t),
                 ContactWrench::default(),
             ),
-            Phase::Held(_) => {
-                let q = Jet {
-                    value: moment.state.q,
-                    rate: moment.state.dq,
-                    rate_change: moment.ddq,
-                };
-                let tcp = self.setting.carry(q);
-                (
-                    tcp,
-                    self.grip
-                        .wrench(&self.setting.joint, tcp.position, moment.tool_effort, t),
-                )
+            Phase::Held(hold) => {
+                hand = hold.hand(hand, t);
+                let tcp = hold.tcp(&self.setting, hand, t);
+                let joint = self.setting.joint_at(moment.state.q);
+                let contact = self
+                    .grip
+                    .wrench(&joint, tcp.position, moment.tool_effort, t);
+                (tcp, contact)
             }
         };
+        let mut wrench = self.tool.sensor_wrench(&tcp, &contact);
+        if let (Some((mass, at)), false) = (
+            self.measurement.attached,
+            matches!(self.phase, Phase::Before),
+        ) {
+            let added = self.tool.wrench_of_mass(&tcp, mass, at);
+            wrench = std::array::from_fn(|axis| wrench[axis] + added[axis]);
+        }
         Sight {
             tcp,
-            wrench: self.tool.sensor_wrench(&tcp, &contact),
+            wrench,
             moment,
+            hand,
         }
+    }
+
+    /// What a sensor without noise and bias feels at `t`, which lies in the last step.
+    pub(crate) fn felt(&self, t: f64) -> [f64; 6] {
+        self.measurement.felt(&self.sight(t), t)
+    }
+
+    /// What a tracker without noise sees at `t`, which lies in the last step.
+    pub(crate) fn seen(&self, t: f64) -> Sight {
+        self.measurement.seen(&self.sight(t), t)
     }
 
     /// Jaw opening and its rate at `t`, m and m/s.
@@ -213,14 +255,6 @@ impl Scene {
 
     pub(crate) fn setting(&self) -> &Setting {
         &self.setting
-    }
-}
-
-impl Setting {
-    /// The tool centre point's motion while the tool holds the object.
-    pub(crate) fn carry(&self, q: Jet) -> RigidMotion {
-        self.joint
-            .carry(self.grasp_position, self.grasp_rotation, q)
     }
 }
 

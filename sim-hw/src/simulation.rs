@@ -83,7 +83,7 @@ impl Simulation {
             seed,
             duration.map(|duration| duration.as_secs_f64()),
         )?;
-        let (slots, clocks) = fitted::build(scenario, seed, &scene.tool, time);
+        let (slots, clocks) = fitted::build(scenario, scenario.salted(seed), &scene.tool, time);
         let timeline = scene.timeline;
         let mark = |t: f64, text: &str| (start.offset_by_seconds(t), text.to_owned());
         let marks = vec![
@@ -93,7 +93,7 @@ impl Simulation {
         ];
         Ok(Self {
             fitted: slots.iter().map(|slot| slot.fitted.clone()).collect(),
-            known: KnownSetup::draw(scenario, seed, &scene.tool),
+            known: KnownSetup::draw(scenario, scenario.salted(seed), &scene.tool),
             truth: Truth::of(scenario, seed, &scene, start, clocks),
             scene,
             slots,

@@ -68,6 +68,21 @@ impl Tool {
         [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     }
 
+    /// What a further mass at `at` (`ft_sensor` axes and origin) adds to the sensor's reading.
+    pub(crate) fn wrench_of_mass(
+        &self,
+        tcp: &RigidMotion,
+        mass: f64,
+        at: Vector3<f64>,
+    ) -> [f64; 6] {
+        let world_from_sensor = tcp.rotation * self.tcp_from_ft_sensor.rotation;
+        let to_sensor = tcp.rotation * self.tcp_from_ft_sensor.translation.vector;
+        let acceleration = tcp.acceleration_at(to_sensor + world_from_sensor * at);
+        let force = world_from_sensor.inverse() * ((GRAVITY - acceleration) * mass);
+        let torque = at.cross(&force);
+        [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    }
+
     /// Inertia that the part adds to a joint when it is fixed to the object, kg m^2 about `axis` or kg.
     pub(crate) fn inertia_about(
         &self,

@@ -4,7 +4,8 @@ use ft_wire::HostTime;
 use serde::Serialize;
 
 use crate::scenario::{
-    JointKind, MechanismSpec, ObjectSpec, PersonSpec, Scenario, SensorSpec, ToolSpec, TrackerSpec,
+    EffectSpec, JointKind, MechanismSpec, ObjectSpec, PersonSpec, Scenario, SensorSpec, ToolSpec,
+    TrackerSpec,
 };
 use crate::scene::Scene;
 use crate::world::{Joint, JointState, World, mechanism};
@@ -18,10 +19,14 @@ pub struct Truth {
     pub scenario: String,
     /// The seed.
     pub seed: u64,
+    /// What the scenario mixes into it.
+    pub salt: u32,
     /// Revolute or prismatic.
     pub joint_kind: JointKind,
     /// Unit direction; q grows right-handed about it or along it, opening.
     pub axis_direction: [f64; 3],
+    /// The same without an undeclared lean; [`Truth::effort`] takes the panel's weight about this one.
+    pub declared_axis_direction: [f64; 3],
     /// A point on the axis, m (revolute).
     pub axis_point: [f64; 3],
     /// Closed and open stop, rad or m.
@@ -36,6 +41,8 @@ pub struct Truth {
     pub panel_com: [f64; 3],
     /// What else acts on the joint.
     pub mechanisms: Vec<MechanismSpec>,
+    /// What no model was told of, with its parameters.
+    pub undeclared: Vec<EffectSpec>,
     /// The payload as it is.
     pub tool: ToolSpec,
     /// The person.
@@ -95,8 +102,10 @@ impl Truth {
             schema: "ft-sim-hw/truth/1",
             scenario: scenario.name.clone(),
             seed,
+            salt: scenario.salt,
             joint_kind: joint.kind,
             axis_direction: joint.axis.into_inner().into(),
+            declared_axis_direction: setting.declared_axis.into_inner().into(),
             axis_point: joint.point.into(),
             q_range: joint.range,
             q_at_grasp: scene.world.state().q,
@@ -104,6 +113,7 @@ impl Truth {
             object: scenario.object.clone(),
             panel_com: joint.panel_com.into(),
             mechanisms: scenario.mechanisms.clone(),
+            undeclared: scenario.undeclared.clone(),
             tool: scenario.tool.clone(),
             person: scenario.person.clone(),
             sensor: scenario.sensor.clone(),
@@ -118,16 +128,17 @@ impl Truth {
         }
     }
 
-    /// The effort that the tool must put on the object for a motion, N m or N, by the parts without memory. `q` counts from
-    /// the closed stop; friction takes the sign of `dq`, and is left out at `dq = 0`.
+    /// The effort that the tool must put on the object for a motion, N m or N, by the declared parts, which have no memory.
+    /// `q` counts from the closed stop; friction takes the sign of `dq`, and is left out at `dq = 0`.
     #[must_use]
     pub fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
         let joint = Joint {
             kind: self.joint_kind,
-            axis: nalgebra::Unit::new_normalize(self.axis_direction.into()),
+            axis: nalgebra::Unit::new_normalize(self.declared_axis_direction.into()),
             point: self.axis_point.into(),
             range: self.q_range,
             panel_com: self.panel_com.into(),
+            axis_drift: nalgebra::Vector3::zeros(),
         };
         let passives = self.mechanisms.iter().map(mechanism::build).collect();
         let world = World::new(joint, self.object.clone(), passives);

@@ -6,6 +6,7 @@
 //! either sticks or goes on. Nothing smooths the sign.
 
 mod closer;
+pub(crate) mod effect;
 pub(crate) mod joint;
 pub(crate) mod mechanism;
 pub mod passive;
@@ -23,7 +24,7 @@ pub const STEPS_PER_SECOND: u32 = 8000;
 /// Earth's pull in `world`, m/s^2.
 pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.80665);
 
-const STEP: f64 = 1.0 / STEPS_PER_SECOND as f64;
+pub(crate) const STEP: f64 = 1.0 / STEPS_PER_SECOND as f64;
 
 /// What drives the joint besides the object itself.
 pub trait Drive {
@@ -82,6 +83,8 @@ pub struct World {
     contact: Contact,
     pieces: Vec<Piece>,
     steps: u64,
+    /// The last step, which the passives' memories have not taken in yet: until the next one, the motion inside it is asked for.
+    untold: Option<[JointState; 2]>,
 }
 
 impl World {
@@ -101,6 +104,7 @@ impl World {
             contact: Contact::Stuck,
             pieces: Vec::new(),
             steps: 0,
+            untold: None,
         }
     }
 
@@ -134,6 +138,15 @@ impl World {
             }
         };
         self.pieces.clear();
+        self.restart();
+    }
+
+    /// Passives begin with the joint as it stands.
+    fn restart(&mut self) {
+        self.untold = None;
+        for passive in &mut self.passives {
+            passive.restart(self.state);
+        }
     }
 
     /// Lets the object come to rest by itself, then starts the time anew.
@@ -150,6 +163,7 @@ impl World {
                 self.steps = 0;
                 self.state.t = 0.0;
                 self.pieces.clear();
+                self.restart();
                 return Ok(());
             }
         }
@@ -161,6 +175,11 @@ impl World {
 
     /// One step of 1/8000 s under `drive`.
     pub fn step(&mut self, drive: &dyn Drive) {
+        if let Some([from, to]) = self.untold.take() {
+            for passive in &mut self.passives {
+                passive.advance(from, to);
+            }
+        }
         let began = self.state;
         let end = (self.steps + 1) as f64 * STEP;
         self.pieces.clear();
@@ -170,9 +189,7 @@ impl World {
             self.advance(drive, end, may_slip);
         }
         self.steps += 1;
-        for passive in &mut self.passives {
-            passive.advance(began, self.state);
-        }
+        self.untold = Some([began, self.state]);
     }
 
     fn advance(&mut self, drive: &dyn Drive, end: f64, may_slip: bool) {

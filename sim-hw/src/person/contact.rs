@@ -96,6 +96,7 @@ mod tests {
                 point: Vector3::new(1.0, -2.0, 0.3),
                 range: [0.0, 1.0],
                 panel_com: Vector3::zeros(),
+                axis_drift: Vector3::zeros(),
             };
             let grip = Grip::new(&spec, [0.0, 60.0], &mut Random::new(4, Stream::OffAxis));
             let tcp = Vector3::new(1.4, -1.5, 0.9);

@@ -1,5 +1,7 @@
 //! What a scenario's values may be.
 
+mod effect;
+
 use super::{JointKind, MechanismSpec, Scenario, ScenarioError, SensorDriver, StrutSpec};
 use crate::robotous::Model;
 
@@ -55,6 +57,7 @@ impl Scenario {
                 self.joint.kind,
             )?;
         }
+        self.check_undeclared()?;
         self.check_sensor()?;
         self.check_person_and_tool()
     }

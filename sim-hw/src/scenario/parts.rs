@@ -81,6 +81,16 @@ pub enum SwingDirection {
     Closing,
 }
 
+impl SwingDirection {
+    /// Of dq.
+    pub(crate) fn sign(self) -> f64 {
+        match self {
+            Self::Opening => 1.0,
+            Self::Closing => -1.0,
+        }
+    }
+}
+
 /// A hydraulic zone of a closer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -19,6 +19,8 @@ pub struct Joint {
     pub range: [f64; 2],
     /// Centre of the panel's mass at q = 0 from `point`, m, world axes.
     pub panel_com: Vector3<f64>,
+    /// How the axis itself moves per unit of q where the joint is, m/rad or 1; zero for a good hinge.
+    pub axis_drift: Vector3<f64>,
 }
 
 /// Distance of a point from a line, m.
@@ -58,9 +60,10 @@ impl Joint {
     /// How a point of the object at `position` (now, world) moves per unit of dq.
     #[must_use]
     pub fn velocity_per_rate(&self, position: Vector3<f64>) -> Vector3<f64> {
+        let drift = self.axis_drift;
         match self.kind {
-            JointKind::Prismatic => self.axis.into_inner(),
-            JointKind::Revolute => self.axis.cross(&(position - self.point)),
+            JointKind::Prismatic => self.axis.into_inner() + drift,
+            JointKind::Revolute => self.axis.cross(&(position - self.point)) + drift,
         }
     }
 

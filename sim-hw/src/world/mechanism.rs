@@ -28,6 +28,7 @@ pub(crate) fn build(spec: &MechanismSpec) -> Box<dyn Passive> {
         MechanismSpec::Catch { pull, reach } => Box::new(Catch {
             pull: *pull,
             reach: *reach,
+            at: 0.0,
         }),
         MechanismSpec::GasSpring {
             force_n,
@@ -65,14 +66,15 @@ impl Passive for SpringHinge {
 }
 
 #[derive(Clone, Debug)]
-struct Catch {
-    pull: f64,
-    reach: f64,
+pub(crate) struct Catch {
+    pub(crate) pull: f64,
+    pub(crate) reach: f64,
+    pub(crate) at: f64,
 }
 
 impl Passive for Catch {
     fn effort(&self, at: JointState) -> f64 {
-        let gap = 1.0 + at.q.max(0.0) / self.reach;
+        let gap = 1.0 + (at.q - self.at).max(0.0) / self.reach;
         -self.pull / (gap * gap)
     }
 }

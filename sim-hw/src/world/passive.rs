@@ -59,7 +59,7 @@ impl DryFriction {
 /// Something that acts on the joint: a mechanism, or an undeclared effect. It may have a memory of its own.
 ///
 /// Within a step the memory is held while `effort` and `dry_friction` are asked several times; `advance` moves it on once per
-/// step. A passive thing must not feed energy in for ever; nothing checks that.
+/// step, before the next one begins. A passive thing must not feed energy in for ever; nothing checks that.
 pub trait Passive: fmt::Debug + Send {
     /// Effort on the object, N m or N; positive opens.
     fn effort(&self, at: JointState) -> f64;
@@ -76,4 +76,7 @@ pub trait Passive: fmt::Debug + Send {
 
     /// Moves the memory on over one step.
     fn advance(&mut self, _from: JointState, _to: JointState) {}
+
+    /// Begins anew with the joint at `at`: time starts at 0, or the joint was put there.
+    fn restart(&mut self, _at: JointState) {}
 }

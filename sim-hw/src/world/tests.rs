@@ -24,6 +24,7 @@ fn joint(kind: JointKind, axis: Vector3<f64>, range: [f64; 2]) -> Joint {
         point,
         range,
         panel_com: Vector3::zeros(),
+        axis_drift: Vector3::zeros(),
     }
 }
 
