@@ -62,7 +62,7 @@ impl SplineMechanism {
         let damping_q = Basis::new(low, high, DAMPING_PIECES, 2);
         let damping_speed = Basis::new(
             0.0,
-            quantile(&speed, 0.98).max(1e-9).sqrt(),
+            quantile(&speed, 0.999).max(1e-9).sqrt(),
             SPEED_PIECES,
             1,
         );

@@ -120,20 +120,12 @@ fn the_tool_is_weighed_in_free_air_within_its_stated_uncertainty() {
         payload.mass_std_kg < 0.01
             && (payload.mass_kg - MASS).abs() < 4.0 * payload.mass_std_kg.max(5e-4)
     );
-    for k in 0..3 {
-        assert!(
-            (payload.com_m[k] - COM[k]).abs() < 3e-3,
-            "{:?}",
-            payload.com_m
-        );
+    for (k, com) in COM.iter().enumerate() {
+        assert!((payload.com_m[k] - com).abs() < 3e-3, "{:?}", payload.com_m);
     }
-    for k in 0..6 {
+    for (k, bias) in BIAS.iter().enumerate() {
         let limit = if k < 3 { 0.05 } else { 0.01 };
-        assert!(
-            (payload.bias[k] - BIAS[k]).abs() < limit,
-            "{:?}",
-            payload.bias
-        );
+        assert!((payload.bias[k] - bias).abs() < limit, "{:?}", payload.bias);
     }
 }
 
