@@ -182,8 +182,50 @@ pub fn align(
             break;
         }
     }
+    if moved.is_some() {
+        lag.value_s = profiled(samples, settings, effects, lag.value_s)?;
+        let shifted = samples.with_effort_earlier(lag.value_s);
+        let motion = Motion::prepare(&shifted, settings)?;
+        moved = Some((shifted, motion));
+    }
     let (samples, motion) = moved.unwrap_or_else(|| (samples.clone(), unmoved));
     Ok((samples, motion, Some(lag)))
+}
+
+/// The lag near `start` at which the whole fit, its damping chosen anew, leaves least: a mechanism chosen at a wrong lag
+/// holds the scan there.
+fn profiled(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    effects: &[&dyn Effect],
+    start: f64,
+) -> Result<f64, DynamicsError> {
+    let design = |lag: f64| -> Result<Design, DynamicsError> {
+        let motion = Motion::prepare(&samples.with_effort_earlier(lag), settings)?;
+        Design::new(&motion, effects, Some(&SplineMechanism::over(&motion)))
+    };
+    let (smoothing, _) = design(start)?.choose_smoothing();
+    let cost = |lag: f64| -> Result<f64, DynamicsError> { Ok(design(lag)?.cost(&smoothing)) };
+    let (mut centre, step) = (start, 2e-3);
+    let mut middle = cost(centre)?;
+    for _ in 0..6 {
+        let (before, after) = (cost(centre - step)?, cost(centre + step)?);
+        if before < middle || after < middle {
+            (centre, middle) = if before < after {
+                (centre - step, before)
+            } else {
+                (centre + step, after)
+            };
+            continue;
+        }
+        let curvature = before - 2.0 * middle + after;
+        return Ok(if curvature > 0.0 {
+            centre + 0.5 * step * (before - after) / curvature
+        } else {
+            centre
+        });
+    }
+    Ok(centre)
 }
 
 fn lag_with_mechanism(

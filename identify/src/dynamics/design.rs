@@ -208,6 +208,18 @@ impl Design {
         (solution, covariance)
     }
 
+    /// Sum of squared residuals with one smoothing and with all the damping that fits, asked for or not.
+    pub(super) fn cost(&self, smoothing: &[f64; 2]) -> f64 {
+        let h = self.scaled(&self.penalized(&self.gram, smoothing, 1.0));
+        let x = bounded_quadratic(
+            &h,
+            &self.right.component_div(&self.scale),
+            &self.bounds,
+            None,
+        );
+        (&self.tau - &self.y * x.component_div(&self.scale)).norm_squared()
+    }
+
     /// The columns that are not at a bound in `solution`, and their normal matrix with penalties.
     pub(super) fn free_part(
         &self,

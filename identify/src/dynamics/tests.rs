@@ -144,7 +144,6 @@ fn a_closer_biases_the_base_model_and_not_the_joint_fit() {
             base.held_out_rms
         );
         let mechanism = model.mechanism.unwrap();
-        eprintln!("{:?} {:?}", model.terms, mechanism);
         let load = mechanism.load(0.9) - mechanism.load(0.5);
         assert!((load - 1.2).abs() < 0.15, "{load}");
         assert!(mechanism.damping(0.2, -1.0) > 3.0 + mechanism.damping(0.8, -1.0));
@@ -212,8 +211,8 @@ fn the_regressors_are_derivatives_of_the_motion() {
 }
 
 #[test]
-fn a_late_wrench_is_found_to_within_a_millisecond_and_a_half() {
-    for lag_ms in [-12.0, 0.0, 7.3] {
+fn a_late_wrench_is_found_to_a_fraction_of_a_millisecond() {
+    for lag_ms in [0.0, 7.3, -12.0] {
         let samples = record(&CLOSER, 40.0, [4e-5, 0.1], 6).with_effort_earlier(-lag_ms * 1e-3);
         let (_, _, lag) = align(&samples, &MotionSettings::default(), &[&RigidBody]).unwrap();
         let lag = lag.unwrap();
