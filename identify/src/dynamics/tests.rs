@@ -217,7 +217,7 @@ fn a_late_wrench_is_found_to_a_fraction_of_a_millisecond() {
         let (_, _, lag) = align(&samples, &MotionSettings::default(), &[&RigidBody]).unwrap();
         let lag = lag.unwrap();
         assert!(
-            (lag.value_s * 1e3 - lag_ms).abs() < 1.5,
+            (lag.value_s * 1e3 - lag_ms).abs() < 0.8,
             "{lag:?} for {lag_ms} ms"
         );
     }
