@@ -145,6 +145,16 @@ impl Hold {
         self.person.yields()
     }
 
+    #[cfg(test)]
+    pub(crate) fn hand_inertia(&self) -> f64 {
+        self.person.inertia()
+    }
+
+    #[cfg(test)]
+    pub(crate) fn hands_effort(&self, hand: JointState) -> f64 {
+        self.person.effort(hand)
+    }
+
     /// Prepares the step that begins with the object at `state`.
     pub(crate) fn begin_step(&mut self, state: JointState) {
         let Some(pads) = self.grasp.pads else {

@@ -49,6 +49,7 @@ mod random;
 mod robotous;
 pub mod scenario;
 mod scene;
+pub mod sealed;
 pub mod server;
 mod setting;
 mod simulation;
@@ -59,6 +60,7 @@ mod wrench_sensor;
 
 pub use bus::{Bus, SimCanLink, SimSerialLink};
 pub use scenario::{Scenario, ScenarioError};
+pub use sealed::{SealedDraw, SealedError, SealedOptions};
 pub use server::{Port, ServeError, ServeOptions, ServedPort, Server};
 pub use simulation::{Fitted, KnownSetup, PayloadEstimate, SettingValue, Simulation};
 pub use truth::Truth;

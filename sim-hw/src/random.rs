@@ -22,6 +22,7 @@ pub(crate) enum Stream {
     Clocks = 10,
     Plan = 11,
     Calibration = 12,
+    Sealed = 13,
 }
 
 /// Random numbers of one stream of a seed.
@@ -37,6 +38,11 @@ impl Random {
 
     pub(crate) fn uniform(&mut self, least: f64, most: f64) -> f64 {
         least + (most - least) * self.0.random::<f64>()
+    }
+
+    /// One of 0 to `count` - 1.
+    pub(crate) fn below(&mut self, count: usize) -> usize {
+        ((self.uniform(0.0, count as f64)) as usize).min(count.saturating_sub(1))
     }
 
     pub(crate) fn normal(&mut self) -> f64 {

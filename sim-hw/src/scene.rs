@@ -308,3 +308,5 @@ fn occasion(scenario: &Scenario, setting: &Setting, world: &World, hand_inertia:
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod undeclared_tests;

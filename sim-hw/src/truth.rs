@@ -8,6 +8,7 @@ use crate::scenario::{
     TrackerSpec,
 };
 use crate::scene::Scene;
+use crate::setting::Setting;
 use crate::world::{Joint, JointState, World, mechanism};
 
 /// Everything about a simulation that a measurement is judged against. SI; poses and points in `world`.
@@ -140,9 +141,37 @@ impl Truth {
             panel_com: self.panel_com.into(),
             axis_drift: nalgebra::Vector3::zeros(),
         };
-        let passives = self.mechanisms.iter().map(mechanism::build).collect();
-        let world = World::new(joint, self.object.clone(), passives);
+        Declared::of(joint, self.object.clone(), &self.mechanisms).effort(q, dq, ddq)
+    }
+}
+
+/// The object without anything undeclared, as an equation of motion.
+#[derive(Debug)]
+pub(crate) struct Declared(World);
+
+impl Declared {
+    pub(crate) fn new(scenario: &Scenario, setting: &Setting) -> Self {
+        let joint = Joint {
+            axis: setting.declared_axis,
+            ..setting.joint.clone()
+        };
+        Self::of(joint, scenario.object.clone(), &scenario.mechanisms)
+    }
+
+    fn of(joint: Joint, object: ObjectSpec, mechanisms: &[MechanismSpec]) -> Self {
+        let passives = mechanisms.iter().map(mechanism::build).collect();
+        Self(World::new(joint, object, passives))
+    }
+
+    /// What a tool must put on the object, N m or N; without dry friction at `dq = 0`.
+    pub(crate) fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
         let direction = if dq == 0.0 { 0.0 } else { dq.signum() };
-        world.needed_effort(JointState { t: 0.0, q, dq }, ddq, direction)
+        self.0
+            .needed_effort(JointState { t: 0.0, q, dq }, ddq, direction)
+    }
+
+    /// What dry friction holds at rest.
+    pub(crate) fn breakaway(&self) -> f64 {
+        self.0.holding_effort(0.0)
     }
 }

@@ -1,5 +1,7 @@
 //! `ft-sim-hw`: the simulated devices alone, for any program to open.
 
+use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +9,11 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use ft_drivers::{Clock, MonotonicClock};
-use ft_sim_hw::{Bus, Port, Scenario, ScenarioError, ServeError, ServeOptions, Server};
+use ft_sim_hw::sealed::Mechanisms;
+use ft_sim_hw::{
+    Bus, Port, Scenario, ScenarioError, SealedDraw, SealedError, SealedOptions, ServeError,
+    ServeOptions, Server,
+};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -15,6 +21,8 @@ Examples:
   ft-sim-hw serve wood_door
   ft-sim-hw serve oven_door --vcan vcan0 --seed 7
   ft-sim-hw serve my_door.toml --duration 30 --truth truth.json
+  ft-sim-hw sealed --seed 1000 --count 20 -o draws
+  ft-capture --sim draws/0001/main.toml --speed max -o main.mcap
 
 Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
 
@@ -43,10 +51,47 @@ enum Command {
         vcan: Option<String>,
         /// Writes what is really so into this file (JSON); an existing one is refused.
         #[arg(long, value_name = "FILE")]
-        truth: Option<std::path::PathBuf>,
+        truth: Option<PathBuf>,
     },
     /// Lists the built-in scenarios.
     Scenarios,
+    /// Draws an object with undeclared effects: main.toml, confirm.toml, and truth.json for the judge.
+    Sealed(Sealed),
+}
+
+#[derive(clap::Args)]
+struct Sealed {
+    /// Draws everything; with --count the first of that many seeds.
+    #[arg(long)]
+    seed: u64,
+    /// Folder for the files; files that exist are refused.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Draws of this and the next seeds, in folders 0001, 0002, ...
+    #[arg(long, value_name = "K")]
+    count: Option<u64>,
+    /// Takes the objects' closers, catches and counterbalances away.
+    #[arg(long)]
+    bare: bool,
+    /// Draws this effect only; may be given several times to draw one of them.
+    #[arg(long, value_name = "NAME")]
+    effect: Vec<String>,
+    /// Probability that nothing is undeclared.
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().none, value_parser = probability)]
+    none: f64,
+    /// Probability of two effects.
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().two, value_parser = probability)]
+    two: f64,
+    /// Probability of an effect that the report has no name for.
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().outside, value_parser = probability)]
+    outside: f64,
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|value| (0.0..=1.0).contains(value))
+        .ok_or_else(|| format!("{text:?} is not a number from 0 to 1"))
 }
 
 /// `30`, `30s` or `1.5`.
@@ -61,6 +106,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Scenarios => scenarios(),
+        Command::Sealed(arguments) => sealed(&arguments),
         Command::Serve {
             scenario,
             seed,
@@ -101,12 +147,53 @@ fn scenarios() -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
+fn sealed(arguments: &Sealed) -> Outcome {
+    if arguments.none + arguments.two + arguments.outside > 1.0 {
+        let text = "--none, --two and --outside add up to more than 1".to_owned();
+        return Err((2, text));
+    }
+    let options = SealedOptions {
+        none: arguments.none,
+        two: arguments.two,
+        outside: arguments.outside,
+        mechanisms: if arguments.bare {
+            Mechanisms::Dropped
+        } else {
+            Mechanisms::Kept
+        },
+        only: arguments.effect.clone(),
+    };
+    let shows_progress = std::io::stderr().is_terminal();
+    let count = arguments.count.unwrap_or(1);
+    for index in 0..count {
+        let folder = match arguments.count {
+            Some(_) => arguments.output.join(format!("{:04}", index + 1)),
+            None => arguments.output.clone(),
+        };
+        let draw =
+            SealedDraw::draw(arguments.seed.wrapping_add(index), &options).map_err(|error| {
+                match error {
+                    SealedError::UnknownEffect { .. } => (2, error.to_string()),
+                    _ => failed(&error),
+                }
+            })?;
+        draw.write(&folder).map_err(|error| failed(&error))?;
+        if shows_progress {
+            eprint!("\r{} of {count} draws", index + 1);
+        }
+    }
+    if shows_progress {
+        eprintln!();
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
 fn serve(
     scenario: &str,
     seed: u64,
     duration: Option<Duration>,
     vcan: Option<String>,
-    truth: Option<std::path::PathBuf>,
+    truth: Option<PathBuf>,
 ) -> Outcome {
     let scenario = Scenario::load(scenario).map_err(|error| match error {
         ScenarioError::UnknownName { .. } => (2, error.to_string()),

@@ -3,7 +3,7 @@ use nalgebra::{Unit, Vector3};
 use super::*;
 use crate::scenario::JointKind;
 
-fn object(inertia: f64) -> ObjectSpec {
+pub(super) fn object(inertia: f64) -> ObjectSpec {
     ObjectSpec {
         inertia,
         coulomb: 0.0,
@@ -16,7 +16,7 @@ fn object(inertia: f64) -> ObjectSpec {
     }
 }
 
-fn joint(kind: JointKind, axis: Vector3<f64>, range: [f64; 2]) -> Joint {
+pub(super) fn joint(kind: JointKind, axis: Vector3<f64>, range: [f64; 2]) -> Joint {
     let (axis, point) = (Unit::new_normalize(axis), Vector3::new(0.3, -1.0, 0.4));
     Joint {
         kind,
@@ -28,7 +28,7 @@ fn joint(kind: JointKind, axis: Vector3<f64>, range: [f64; 2]) -> Joint {
     }
 }
 
-fn slider(object: ObjectSpec) -> World {
+pub(super) fn slider(object: ObjectSpec) -> World {
     let mut world = World::new(
         joint(JointKind::Prismatic, Vector3::x(), [-100.0, 100.0]),
         object,
@@ -39,7 +39,7 @@ fn slider(object: ObjectSpec) -> World {
 }
 
 /// A force that is a function of the joint's state.
-struct Pull<F>(F);
+pub(super) struct Pull<F>(pub(super) F);
 
 impl<F: Fn(JointState) -> f64> Drive for Pull<F> {
     fn effort(&self, at: JointState) -> f64 {
@@ -50,7 +50,7 @@ impl<F: Fn(JointState) -> f64> Drive for Pull<F> {
     }
 }
 
-fn run(world: &mut World, drive: &dyn Drive, seconds: f64) {
+pub(super) fn run(world: &mut World, drive: &dyn Drive, seconds: f64) {
     for _ in 0..(seconds * f64::from(STEPS_PER_SECOND)).round() as u32 {
         world.step(drive);
     }

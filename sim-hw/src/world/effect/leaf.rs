@@ -41,7 +41,7 @@ impl Leaf {
     }
 
     /// Where the second leaf is and how fast it goes at `t` of this step.
-    fn at(&self, t: f64) -> [f64; 2] {
+    pub(super) fn position_and_rate(&self, t: f64) -> [f64; 2] {
         let since = (t - self.began).max(0.0);
         let moving = since.min(self.rests_after);
         let rate = if since < self.rests_after {
@@ -68,11 +68,11 @@ impl Leaf {
 
 impl Passive for Leaf {
     fn effort(&self, at: JointState) -> f64 {
-        -self.push([at.q, at.dq], self.at(at.t))
+        -self.push([at.q, at.dq], self.position_and_rate(at.t))
     }
 
     fn advance(&mut self, _from: JointState, to: JointState) {
-        [self.y, self.dy] = self.at(to.t);
+        [self.y, self.dy] = self.position_and_rate(to.t);
         self.began = to.t;
         let middle = [self.y + 0.5 * STEP * self.dy, self.dy];
         let push = self.push([to.q + 0.5 * STEP * to.dq, to.dq], middle);
