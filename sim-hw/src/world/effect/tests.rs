@@ -192,7 +192,7 @@ fn drag_slows_as_the_square() {
 
 /// A mass dragged by a spring whose end goes at `rate`.
 fn times_stopped(world: &mut World, rate: f64, seconds: f64) -> u32 {
-    let pull = Pull(|at: JointState| 400.0 * (rate * at.t - at.q) + 2.0 * (rate - at.dq));
+    let pull = Pull(|at: JointState| 400.0 * (rate * at.t - at.q) + 20.0 * (rate - at.dq));
     let (mut stopped, mut was_stuck) = (0, true);
     for _ in 0..(seconds * f64::from(STEPS_PER_SECOND)) as u32 {
         world.step(&pull);
