@@ -110,12 +110,10 @@ fn the_published_recipe_gives_the_published_emps_parameters() {
             "{name}: {value}, published {published}"
         );
     }
-    // Published 4.0834 %; scipy's filters give 4.0390 %.
-    assert!(
-        (analysis.full.relative_error - 0.040834).abs() < 0.001,
-        "{}",
-        analysis.full.relative_error
-    );
+    // Published 4.0834 %, an independent reproduction 4.14 %; scipy's filters give 4.0434 %, as here.
+    let percent = 100.0 * analysis.full.relative_error;
+    assert!((percent - 4.0834).abs() < 0.1, "{percent} %");
+    assert!((percent - 4.14).abs() < 0.1, "{percent} %");
 }
 
 #[test]

@@ -18,13 +18,25 @@ use ft_sim_hw::{Scenario, Simulation, Truth};
 /// The scenario is unknown, or the recording cannot be written.
 #[must_use]
 pub fn record(scenario: &str, seed: u64, file: &Path) -> Truth {
-    let scenario_text = Scenario::load(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let scenario_text =
+        Scenario::load(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let mut simulation = Simulation::new(&scenario_text, seed, simulated::START, None)
         .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
-    let config = simulated::config("study", simulation.fitted(), &simulation.known_setup(), port)
-        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
-    let plan = Plan { config, record: Some(file.to_owned()), overwrite: true, duration: None, publish: false };
+    let config = simulated::config(
+        "study",
+        simulation.fitted(),
+        &simulation.known_setup(),
+        port,
+    )
+    .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let plan = Plan {
+        config,
+        record: Some(file.to_owned()),
+        overwrite: true,
+        duration: None,
+        publish: false,
+    };
     let summary = simulated::run(&plan, &mut simulation, |_| {}, || false)
         .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     assert!(!summary.lost_data(), "{scenario}: {summary}");
@@ -74,11 +86,18 @@ pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Compari
     let (axis_deg, axis_mm) = axis_error(&identified, truth);
     let report = &identified.report;
     let finals = &report.last;
-    let wanted = [("inertia", truth.object.inertia), ("coulomb", truth.object.coulomb), ("viscous", truth.object.viscous)];
+    let wanted = [
+        ("inertia", truth.object.inertia),
+        ("coulomb", truth.object.coulomb),
+        ("viscous", truth.object.viscous),
+    ];
     let term = |(name, true_value): (&str, f64)| {
         let term = report.term(name)?;
         let (value, std) = (term.value?, term.std?);
-        Some(((value - true_value) / true_value, (value - true_value) / std))
+        Some((
+            (value - true_value) / true_value,
+            (value - true_value) / std,
+        ))
     };
     let terms = wanted.map(term);
     let kind = identified.axis.as_ref().map(|axis| axis.kind);
@@ -105,27 +124,43 @@ fn is_revolute(truth: &Truth) -> bool {
 
 /// Angle (deg, folded to 0..90) and distance (mm; NaN for a slide) between the identified and the true axis.
 fn axis_error(identified: &Identified, truth: &Truth) -> (f64, f64) {
-    let Some(axis) = &identified.axis else { return (f64::NAN, f64::NAN) };
+    let Some(axis) = &identified.axis else {
+        return (f64::NAN, f64::NAN);
+    };
     let true_axis = ScrewAxis {
         direction: nalgebra::Unit::new_normalize(truth.axis_direction.into()),
         point: truth.axis_point.into(),
         kind: axis.kind,
     };
     let (angle, distance) = axis.separation(&true_axis);
-    (angle.to_degrees(), if is_revolute(truth) { distance * 1e3 } else { f64::NAN })
+    (
+        angle.to_degrees(),
+        if is_revolute(truth) {
+            distance * 1e3
+        } else {
+            f64::NAN
+        },
+    )
 }
 
 /// What the true parameters leave of the measured effort, motion and effort through the pipeline's own filters.
 fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
     let samples = &identified.samples;
-    let Ok(motion) = Motion::prepare(samples, &MotionSettings::default()) else { return f64::NAN };
+    let Ok(motion) = Motion::prepare(samples, &MotionSettings::default()) else {
+        return f64::NAN;
+    };
     let needed: Vec<f64> = (0..motion.q.len())
         .map(|i| truth.effort(truth.q_at_grasp + motion.q[i], motion.dq[i], motion.ddq[i]))
         .collect();
-    let (Ok(measured), Ok(needed)) = (motion.regressor(&motion.tau), motion.regressor(&needed)) else {
+    let (Ok(measured), Ok(needed)) = (motion.regressor(&motion.tau), motion.regressor(&needed))
+    else {
         return f64::NAN;
     };
-    let squares: f64 = measured.iter().zip(&needed).map(|(a, b)| (a - b) * (a - b)).sum();
+    let squares: f64 = measured
+        .iter()
+        .zip(&needed)
+        .map(|(a, b)| (a - b) * (a - b))
+        .sum();
     (squares / measured.len() as f64).sqrt()
 }
 
@@ -134,8 +169,15 @@ fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
 /// # Panics
 /// One of them cannot be recorded or identified.
 #[must_use]
-pub fn study(scenarios: &[&str], seeds: std::ops::Range<u64>, done: impl Fn(&Comparison) + Sync) -> Vec<Comparison> {
-    let jobs: Vec<_> = scenarios.iter().flat_map(|name| seeds.clone().map(move |seed| (*name, seed))).collect();
+pub fn study(
+    scenarios: &[&str],
+    seeds: std::ops::Range<u64>,
+    done: impl Fn(&Comparison) + Sync,
+) -> Vec<Comparison> {
+    let jobs: Vec<_> = scenarios
+        .iter()
+        .flat_map(|name| seeds.clone().map(move |seed| (*name, seed)))
+        .collect();
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
     let folder = tempfile::tempdir().unwrap_or_else(|error| panic!("no temporary folder: {error}"));
@@ -157,6 +199,11 @@ pub fn study(scenarios: &[&str], seeds: std::ops::Range<u64>, done: impl Fn(&Com
         }
     });
     let mut results = results.into_inner().unwrap_or_default();
-    results.sort_by_key(|one| (scenarios.iter().position(|name| *name == one.scenario), one.seed));
+    results.sort_by_key(|one| {
+        (
+            scenarios.iter().position(|name| *name == one.scenario),
+            one.seed,
+        )
+    });
     results
 }

@@ -210,5 +210,5 @@ fn tables_with_mistakes_are_named_by_row_and_column() {
     table("t,q,f\n0,0,1\n0.1,zero,1\n").complains(&["t.csv", "zero", "q"]);
     table("t,q,f\n0,0,1\n0.1,NaN,1\n").complains(&["t.csv", "q"]);
     table("t,q,f\n0,0,1\n0.2,0,1\n0.1,0,1\n").complains(&["t.csv", "increas"]);
-    table("t,q,f\n0,0,1\n0.1,0,1\n").complains(&["t.csv", "short"]);
+    table("t,q,f\n0,0,1\n0.1,0,1\n").complains(&["t.csv", "2 rows", "at least"]);
 }

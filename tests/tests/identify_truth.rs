@@ -13,7 +13,14 @@ fn is_heavy(one: &Comparison) -> bool {
 
 #[test]
 fn joints_and_inertia_of_the_built_in_scenarios_are_found() {
-    let scenarios = ["wood_door", "metal_door", "drawer_light", "drawer_loaded", "sliding_door", "oven_door"];
+    let scenarios = [
+        "wood_door",
+        "metal_door",
+        "drawer_light",
+        "drawer_loaded",
+        "sliding_door",
+        "oven_door",
+    ];
     // Other seeds than those that development looks at first.
     let results = study(&scenarios, 101..104, |_| {});
     assert_eq!(results.len(), 18);
@@ -22,7 +29,10 @@ fn joints_and_inertia_of_the_built_in_scenarios_are_found() {
         assert!(one.axis_deg <= 0.5, "{one:?}");
         assert!(one.axis_mm.is_nan() || one.axis_mm <= 5.0, "{one:?}");
         if is_heavy(one) {
-            assert!(one.relative[0].is_some_and(|error| error.abs() <= 0.15), "{one:?}");
+            assert!(
+                one.relative[0].is_some_and(|error| error.abs() <= 0.15),
+                "{one:?}"
+            );
         }
         // The full model must earn its keep, and cannot be better than what the truth leaves by much.
         assert!(one.held_out <= one.base_held_out * 1.05, "{one:?}");

@@ -99,8 +99,8 @@ struct TableArguments {
     /// Published least-squares recipe instead of ours: low-pass of the position, Hz
     #[arg(long, requires_all = ["lowpass_order", "decimate"])]
     lowpass_hz: Option<f64>,
-    /// Recipe: Butterworth order of that low-pass
-    #[arg(long, requires = "lowpass_hz")]
+    /// Recipe: Butterworth order of that zero-phase low-pass, forward and backward together: 2, 4, 6, 8 or 10
+    #[arg(long, requires = "lowpass_hz", value_parser = even_order)]
     lowpass_order: Option<usize>,
     /// Recipe: keep every so many-th sample
     #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -128,6 +128,13 @@ struct TrackArguments {
     json: bool,
 }
 
+fn even_order(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(order @ (2 | 4 | 6 | 8 | 10)) => Ok(order),
+        _ => Err("2, 4, 6, 8 or 10".to_owned()),
+    }
+}
+
 /// How a run ended well.
 enum Outcome {
     Fine,
@@ -145,9 +152,23 @@ fn main() -> ExitCode {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,
         Ok(Outcome::DataLost) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("ft-identify: {}", with_input(&error, &arguments));
             ExitCode::FAILURE
         }
+    }
+}
+
+/// The error with the file that it is about, whether its own text names it or not.
+fn with_input(error: &IdentifyError, arguments: &Arguments) -> String {
+    let file = match &arguments.command {
+        Some(Command::Table(table)) => Some(&table.table),
+        Some(Command::Track(_)) => None,
+        None => arguments.recording.recording.as_ref(),
+    };
+    let text = error.to_string();
+    match file.map(|file| file.display().to_string()) {
+        Some(file) if !text.contains(&file) => format!("{file}: {text}"),
+        _ => text,
     }
 }
 

@@ -22,7 +22,8 @@ use crate::samples::JointSamples;
 pub struct Recipe {
     /// Cut-off of the low-pass on the position, Hz.
     pub lowpass_hz: f64,
-    /// Its Butterworth order, one way.
+    /// Butterworth order of that zero-phase low-pass in all, forward and backward together; even. The published text says
+    /// "order 4" without saying which way it counts; a filter of order 4 each way gives 4.0390 % on EMPS, this 4.0434 %.
     pub lowpass_order: usize,
     /// Every so many-th sample is kept.
     pub decimate: usize,
@@ -40,7 +41,7 @@ pub fn identify_published(
     samples: &JointSamples,
     recipe: &Recipe,
 ) -> Result<Analysis, IdentifyError> {
-    let filter = LowPass::butterworth(recipe.lowpass_order, recipe.lowpass_hz, samples.rate_hz())?;
+    let filter = LowPass::butterworth(recipe.lowpass_order / 2, recipe.lowpass_hz, samples.rate_hz())?;
     let mut kept = FitSeries::default();
     let (mut acceleration, mut sign, mut stroke) = (Vec::new(), Vec::new(), Vec::new());
     let (low, high) = samples.q_range();

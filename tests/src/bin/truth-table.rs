@@ -3,32 +3,57 @@
 
 use ft_tests::truth::{Comparison, study};
 
-const SCENARIOS: [&str; 6] =
-    ["wood_door", "metal_door", "drawer_light", "drawer_loaded", "sliding_door", "oven_door"];
+const SCENARIOS: [&str; 6] = [
+    "wood_door",
+    "metal_door",
+    "drawer_light",
+    "drawer_loaded",
+    "sliding_door",
+    "oven_door",
+];
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
-    let seeds: u64 = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(10);
+    let seeds: u64 = arguments
+        .next()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(10);
     let named: Vec<String> = arguments.collect();
-    let scenarios: Vec<&str> =
-        if named.is_empty() { SCENARIOS.to_vec() } else { named.iter().map(String::as_str).collect() };
+    let scenarios: Vec<&str> = if named.is_empty() {
+        SCENARIOS.to_vec()
+    } else {
+        named.iter().map(String::as_str).collect()
+    };
     let results = study(&scenarios, 1..seeds + 1, |one| eprintln!("{}", line(one)));
-    println!("| scenario | seeds | type right | axis deg med/max | axis mm med/max | I error % mean/worst | mu % mean abs | b % mean abs | base held-out | held-out | floor est. | floor true |");
+    println!(
+        "| scenario | seeds | type right | axis deg med/max | axis mm med/max | I error % mean/worst | mu % mean abs | b % mean abs | base held-out | held-out | floor est. | floor true |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for scenario in &scenarios {
-        let of: Vec<_> = results.iter().filter(|one| one.scenario == *scenario).collect();
+        let of: Vec<_> = results
+            .iter()
+            .filter(|one| one.scenario == *scenario)
+            .collect();
         println!("{}", row(scenario, &of));
     }
 }
 
 fn line(one: &Comparison) -> String {
-    let percent = |value: Option<f64>| value.map_or("null".to_owned(), |value| format!("{:+.1} %", value * 100.0));
+    let percent = |value: Option<f64>| {
+        value.map_or("null".to_owned(), |value| {
+            format!("{:+.1} %", value * 100.0)
+        })
+    };
     let sigma = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:+.1} s"));
     format!(
         "{:<14} {:>3} {} axis {:.3} deg {:.2} mm  I {} ({})  mu {} ({})  b {} ({})  base {:.3} held-out {:.3} floor {:.3}/{:.3} {}",
         one.scenario,
         one.seed,
-        if one.kind_is_right { "ok" } else { "WRONG TYPE" },
+        if one.kind_is_right {
+            "ok"
+        } else {
+            "WRONG TYPE"
+        },
         one.axis_deg,
         one.axis_mm,
         percent(one.relative[0]),
@@ -47,17 +72,29 @@ fn line(one: &Comparison) -> String {
 
 fn row(scenario: &str, of: &[&Comparison]) -> String {
     let sorted = |value: fn(&Comparison) -> f64| {
-        let mut values: Vec<f64> = of.iter().map(|one| value(one)).filter(|value| value.is_finite()).collect();
+        let mut values: Vec<f64> = of
+            .iter()
+            .map(|one| value(one))
+            .filter(|value| value.is_finite())
+            .collect();
         values.sort_by(f64::total_cmp);
         values
     };
     let median = |values: &[f64]| values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
     let worst = |values: &[f64]| values.last().copied().unwrap_or(f64::NAN);
     let relative = |index: usize| {
-        let values: Vec<f64> = of.iter().filter_map(|one| one.relative[index]).map(|value| value * 100.0).collect();
+        let values: Vec<f64> = of
+            .iter()
+            .filter_map(|one| one.relative[index])
+            .map(|value| value * 100.0)
+            .collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let mean_abs = values.iter().map(|value| value.abs()).sum::<f64>() / values.len() as f64;
-        let worst = values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f64::NAN);
+        let worst = values
+            .iter()
+            .copied()
+            .max_by(|a, b| a.abs().total_cmp(&b.abs()))
+            .unwrap_or(f64::NAN);
         (mean, mean_abs, worst, of.len() - values.len())
     };
     let (inertia, coulomb, viscous) = (relative(0), relative(1), relative(2));
