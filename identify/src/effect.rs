@@ -1,5 +1,12 @@
 //! Candidates for the effort model: each gives regressors on a prepared motion, with the sign physics allows.
 
+pub mod damping;
+pub mod friction;
+pub mod library;
+pub mod load;
+pub mod measurement;
+pub mod memory;
+
 use crate::least_squares::Bound;
 use crate::motion::{Motion, MotionError};
 

@@ -1,0 +1,16 @@
+//! What the model lacks: finds the effect of the library that the residual asks for, adds it, and looks again.
+//!
+//! From the paper's model (I, mu, b) on: every effect of the library is tried beside the current model and scored by the
+//! error on blocks of strokes that were held out. The best is taken when chance does not give as much (the search is
+//! repeated on efforts simulated from the current model with the sensors' noise), when it moves the effort by more than the
+//! noise floor allows to doubt, helps in most blocks and has a physical sign. Later effects may replace or remove earlier
+//! ones. What fits nearly as well is named beside it, and what helped but was turned down is listed with the reason.
+
+mod model;
+mod null;
+mod scan;
+mod score;
+mod search;
+
+pub use model::Found;
+pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose};

@@ -1,0 +1,195 @@
+//! The model so far on a motion: base columns and those of the effects found, and the bank of candidates beside it.
+
+use core::num::NonZero;
+
+use super::score::{Folds, solve};
+use crate::effect::library::{Kind, LIBRARY, Scope};
+use crate::effect::{Column, Effect, RigidBody};
+use crate::least_squares::{Bound, rms};
+use crate::motion::{Motion, MotionError};
+
+/// An effect of the library with its shape.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Which.
+    pub kind: &'static Kind,
+    /// Shape parameters, in the order of the kind's.
+    pub shape: Vec<f64>,
+    /// Which of the kind's terms are used; a constant that another effect has already is left out.
+    pub used: Vec<bool>,
+    /// Inertia, Coulomb and viscous friction with which its regressors were made.
+    pub rigid: [f64; 3],
+    /// What the coordinate lacks to that in which the shape is stated.
+    pub datum: f64,
+}
+
+impl Found {
+    /// The unfiltered regressors of the used terms on a motion.
+    #[must_use]
+    pub fn series(&self, motion: &Motion) -> Vec<Vec<f64>> {
+        let mut scope = Scope::of(motion, self.rigid);
+        scope.datum = self.datum;
+        let all = (self.kind.series)(&scope, &self.shape);
+        let used = all.into_iter().zip(&self.used);
+        used.filter(|(_, used)| **used).map(|(s, _)| s).collect()
+    }
+
+    /// The used terms.
+    pub fn terms(&self) -> impl Iterator<Item = &'static crate::effect::library::TermOf> {
+        let terms = self.kind.terms.iter().zip(&self.used);
+        terms.filter(|(_, used)| **used).map(|(term, _)| term)
+    }
+}
+
+impl Effect for Found {
+    fn name(&self) -> &'static str {
+        self.kind.name
+    }
+
+    fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
+        let series = self.series(motion);
+        self.terms()
+            .zip(&series)
+            .map(|(term, series)| {
+                Ok(Column {
+                    name: term.0,
+                    unit: term.1.text(motion.kind),
+                    bound: term.2,
+                    values: motion.regressor(series)?,
+                })
+            })
+            .collect()
+    }
+}
+
+/// A motion with its effort at the fit's samples.
+pub(super) struct Ground {
+    pub(super) motion: Motion,
+    pub(super) y: Vec<f64>,
+    pub(super) folds: Folds,
+    pub(super) base: Vec<Vec<f64>>,
+    pub(super) rigid: [f64; 3],
+}
+
+impl Ground {
+    pub(super) fn of(motion: Motion) -> Result<Self, MotionError> {
+        let base: Vec<Vec<f64>> = RigidBody
+            .columns(&motion)?
+            .into_iter()
+            .map(|column| column.values)
+            .collect();
+        let y = motion.regressor(&motion.tau)?;
+        let theta = solve(&base, &y).unwrap_or_else(|| vec![0.0; 3]);
+        Ok(Self {
+            y,
+            folds: motion.folds(),
+            motion,
+            base,
+            rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
+        })
+    }
+
+    /// Columns of the base and of `effects`.
+    pub(super) fn columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
+        let mut out = self.base.clone();
+        for effect in effects {
+            for series in effect.series(&self.motion) {
+                out.push(self.motion.regressor(&series)?);
+            }
+        }
+        Ok(out)
+    }
+
+    pub(super) fn scope(&self) -> Scope<'_> {
+        Scope::of(&self.motion, self.rigid)
+    }
+
+    /// Filtered columns of a kind with a shape.
+    pub(super) fn columns_of(&self, kind: &Kind, shape: &[f64]) -> Result<Vec<Vec<f64>>, MotionError> {
+        (kind.series)(&self.scope(), shape)
+            .iter()
+            .map(|series| self.motion.regressor(series))
+            .collect()
+    }
+
+    pub(super) fn found(&self, kind: &'static Kind, shape: Vec<f64>, used: Vec<bool>) -> Found {
+        Found {
+            kind,
+            shape,
+            used,
+            rigid: self.rigid,
+            datum: 0.0,
+        }
+    }
+}
+
+/// One point of a kind's grid, with its filtered columns.
+pub(super) struct Candidate {
+    pub(super) kind: &'static Kind,
+    pub(super) shape: Vec<f64>,
+    pub(super) columns: Vec<Vec<f64>>,
+}
+
+/// All grid points of the library on a motion.
+pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
+    let scope = ground.scope();
+    let points: Vec<(&'static Kind, Vec<f64>)> = LIBRARY
+        .into_iter()
+        .flat_map(|kind| (kind.grid)(&scope).into_iter().map(move |shape| (kind, shape)))
+        .collect();
+    let made = in_parallel(&points, |(kind, shape)| {
+        Ok(Candidate {
+            kind,
+            columns: ground.columns_of(kind, shape)?,
+            shape: shape.clone(),
+        })
+    });
+    let all: Vec<Candidate> = made.into_iter().collect::<Result<_, MotionError>>()?;
+    Ok(all
+        .into_iter()
+        .filter(|candidate| {
+            candidate
+                .columns
+                .iter()
+                .all(|column| rms(column) > 1e-12 && column.iter().all(|v| v.is_finite()))
+        })
+        .collect())
+}
+
+/// `f` of each item, in order, on all processors.
+pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let size = items.len().div_ceil(4 * threads).max(1);
+    let chunks: Vec<&[T]> = items.chunks(size).collect();
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let work = || {
+        let mut done = Vec::new();
+        loop {
+            let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            let Some(chunk) = chunks.get(index) else {
+                return done;
+            };
+            done.push((index, chunk.iter().map(&f).collect::<Vec<R>>()));
+        }
+    };
+    let mut parts: Vec<(usize, Vec<R>)> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..threads.min(chunks.len())).map(|_| scope.spawn(work)).collect();
+        handles
+            .into_iter()
+            .flat_map(|handle| match handle.join() {
+                Ok(done) => done,
+                Err(panic) => std::panic::resume_unwind(panic),
+            })
+            .collect()
+    });
+    parts.sort_by_key(|(index, _)| *index);
+    parts.into_iter().flat_map(|(_, done)| done).collect()
+}
+
+/// Whether the estimates keep the signs that physics allows.
+pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
+    let terms = kind.terms.iter().zip(used).filter(|(_, used)| **used);
+    terms
+        .zip(theta)
+        .all(|((term, _), value)| term.2 == Bound::Free || *value > 0.0)
+}

@@ -1,0 +1,153 @@
+//! Efforts as the current model would give them on this motion, with the sensors' noise, through the same pipeline: what a
+//! search finds in these is found by chance.
+//!
+//! The motion is taken as true, the model's effort computed on it, noise of the wrench added, and then a noisy motion is
+//! prepared from it and the model's columns computed anew. So the error of differentiated positions, of signs near
+//! reversals and of everything that depends on them is in it.
+
+use super::model::{Found, Ground};
+use crate::least_squares::rms;
+use crate::motion::{Motion, MotionError, MotionSettings};
+use crate::noise::NoiseFloor;
+use crate::samples::JointSamples;
+
+use super::model::in_parallel;
+
+/// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
+const MOST_RAISED: f64 = 1.6;
+
+/// `count` efforts at the fit's samples. `theta` = estimates for the columns of base and effects; `left` = rms residual.
+pub(super) fn replicates(
+    ground: &Ground,
+    effects: &[Found],
+    x: &[Vec<f64>],
+    theta: &[f64],
+    floor: &NoiseFloor,
+    left: f64,
+    settings: &MotionSettings,
+    count: usize,
+) -> Vec<Vec<f64>> {
+    let fitted = combine(x, theta);
+    let raw = raw_effort(ground, effects, theta);
+    let seeds: Vec<u64> = (0..count as u64).collect();
+    let errors: Vec<Option<Vec<f64>>> = in_parallel(&seeds, |seed| {
+        error_of(ground, effects, theta, &raw, floor, settings, *seed).ok()
+    });
+    errors
+        .into_iter()
+        .flatten()
+        .map(|error| {
+            let level = rms(&error).max(1e-12);
+            let raised = (left / level).clamp(1.0, MOST_RAISED);
+            fitted.iter().zip(&error).map(|(f, e)| f + raised * e).collect()
+        })
+        .collect()
+}
+
+fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; x.first().map_or(0, Vec::len)];
+    for (column, theta) in x.iter().zip(theta) {
+        for (out, value) in out.iter_mut().zip(column) {
+            *out += theta * value;
+        }
+    }
+    out
+}
+
+/// The model's effort on the smoothed motion, unfiltered.
+fn raw_effort(ground: &Ground, effects: &[Found], theta: &[f64]) -> Vec<f64> {
+    let motion = &ground.motion;
+    let mut series = vec![motion.ddq.clone(), motion.sign.clone(), motion.dq.clone()];
+    for effect in effects {
+        series.extend(effect.series(motion));
+    }
+    combine(&series, theta)
+}
+
+fn error_of(
+    ground: &Ground,
+    effects: &[Found],
+    theta: &[f64],
+    raw: &[f64],
+    floor: &NoiseFloor,
+    settings: &MotionSettings,
+    seed: u64,
+) -> Result<Vec<f64>, MotionError> {
+    let motion = &ground.motion;
+    let mut random = Random::new(seed);
+    let white: Vec<f64> = (0..raw.len()).map(|_| random.normal()).collect();
+    let level = floor.wrench_rms / rms(&motion.regressor(&white)?).max(1e-12);
+    let noise = position_noise(motion, theta, floor, &mut random)?;
+    let noisy = JointSamples {
+        kind: motion.kind,
+        period: motion.period,
+        runs: motion.runs.clone(),
+        time: motion.time.clone(),
+        q: motion.q.iter().zip(&noise).map(|(q, n)| q + n).collect(),
+        tau: raw.iter().zip(&white).map(|(t, w)| t + level * w).collect(),
+        noise_of_q: Vec::new(),
+    };
+    let mut seen = Motion::prepare(&noisy, settings)?;
+    seen.kept.clone_from(&motion.kept);
+    let there = Ground::of(seen)?;
+    let predicted = combine(&there.columns(effects)?, theta);
+    Ok(there.y.iter().zip(&predicted).map(|(y, p)| y - p).collect())
+}
+
+/// A series like the position sensor's noise: its own series, moved in time and mixed; white when there are none.
+fn position_noise(
+    motion: &Motion,
+    theta: &[f64],
+    floor: &NoiseFloor,
+    random: &mut Random,
+) -> Result<Vec<f64>, MotionError> {
+    let n = motion.q.len();
+    if motion.noise_of_q.is_empty() {
+        let white: Vec<f64> = (0..n).map(|_| random.normal()).collect();
+        let (velocity, acceleration) = (motion.derivative(&white), motion.second_derivative(&white));
+        let effort: Vec<f64> = (0..n)
+            .map(|i| theta[0] * acceleration[i] + theta[2] * velocity[i])
+            .collect();
+        let unit = rms(&motion.regressor(&effort)?);
+        let level = if unit > 0.0 { floor.position_rms / unit } else { 0.0 };
+        return Ok(white.into_iter().map(|w| w * level).collect());
+    }
+    let weights: Vec<f64> = motion.noise_of_q.iter().map(|_| random.normal()).collect();
+    let length = weights.iter().map(|w| w * w).sum::<f64>().sqrt().max(1e-9);
+    let mut out = vec![0.0; n];
+    for (series, weight) in motion.noise_of_q.iter().zip(&weights) {
+        let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
+        let shift = (random.unit() * n as f64) as usize;
+        for (i, out) in out.iter_mut().enumerate() {
+            *out += weight / length * (series[(i + shift) % series.len()] - mean);
+        }
+    }
+    Ok(out)
+}
+
+/// SplitMix64 with normal deviates (Box and Muller); the seed gives the sequence.
+pub(super) struct Random(u64);
+
+impl Random {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// In 0..1.
+    pub(super) fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        let (u, v) = (1.0 - self.unit(), self.unit());
+        (-2.0 * u.ln()).sqrt() * (core::f64::consts::TAU * v).cos()
+    }
+}

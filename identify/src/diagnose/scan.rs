@@ -1,0 +1,242 @@
+//! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
+
+use super::model::{Candidate, Found, Ground, in_parallel, signs_hold};
+use super::score::Problem;
+use crate::effect::library::{Kind, Search};
+use crate::motion::MotionError;
+
+/// The best of one kind beside the current model.
+#[derive(Clone, Debug)]
+pub(super) struct Ranked {
+    pub(super) kind: &'static Kind,
+    pub(super) shape: Vec<f64>,
+    pub(super) used: Vec<bool>,
+    /// Evidence: half the independent samples times the logarithm of the errors' ratio, less the price of its freedom.
+    pub(super) score: f64,
+    /// Mean square error on held-out blocks with it.
+    pub(super) mse: f64,
+    /// Share of the blocks in which it helps.
+    pub(super) helps: f64,
+    /// Estimates of the used terms.
+    pub(super) theta: Vec<f64>,
+}
+
+/// What one look finds.
+pub(super) struct Look {
+    /// Mean square error on held-out blocks of the current model.
+    pub(super) mse: f64,
+    /// One entry per kind that helps at all, the best first.
+    pub(super) ranked: Vec<Ranked>,
+    /// Best score that chance gave, by replicate.
+    pub(super) chance: Vec<f64>,
+}
+
+/// Kinds that are refined, from the best.
+const REFINED: usize = 7;
+
+/// Looks through `bank` beside the columns `x` of the current model; `efforts` = the measured one and replicates.
+pub(super) fn look(
+    ground: &Ground,
+    bank: &[Candidate],
+    x: &[Vec<f64>],
+    efforts: &[Vec<f64>],
+) -> Result<Option<Look>, MotionError> {
+    let problem = Problem::new(x, efforts, &ground.folds);
+    let Some(alone) = problem.alone() else {
+        return Ok(None);
+    };
+    let before: Vec<f64> = alone.iter().map(|outcome| outcome.mse).collect();
+    let scored = in_parallel(bank, |candidate| score_all(&problem, candidate, &before, &alone[0].blocks));
+    let mut chance = vec![0.0_f64; efforts.len().saturating_sub(1)];
+    let mut ranked: Vec<Ranked> = Vec::new();
+    for (own, others) in scored.into_iter().flatten() {
+        for (best, score) in chance.iter_mut().zip(others) {
+            *best = best.max(score);
+        }
+        let Some(own) = own else { continue };
+        match ranked.iter_mut().find(|old| old.kind.name == own.kind.name) {
+            Some(old) if own.score > old.score => *old = own,
+            Some(_) => {}
+            None => ranked.push(own),
+        }
+    }
+    sort(&mut ranked);
+    ranked.retain(|entry| entry.score > 0.0);
+    let top: Vec<Ranked> = ranked.iter().take(REFINED).cloned().collect();
+    let better: Vec<Result<Ranked, MotionError>> = in_parallel(&top, |entry| {
+        refine(ground, &problem, entry.clone(), before[0], &alone[0].blocks)
+    });
+    for (old, new) in ranked.iter_mut().zip(better) {
+        *old = new?;
+    }
+    sort(&mut ranked);
+    Ok(Some(Look {
+        mse: before[0],
+        ranked,
+        chance,
+    }))
+}
+
+fn sort(ranked: &mut [Ranked]) {
+    ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
+}
+
+type Scored = Option<(Option<Ranked>, Vec<f64>)>;
+
+/// A candidate on the measured effort and on the replicates.
+fn score_all(problem: &Problem<'_>, candidate: &Candidate, before: &[f64], blocks: &[f64]) -> Scored {
+    let (used, outcomes) = outcomes(problem, &candidate.columns, before.len())?;
+    let scored = |k: usize| {
+        let holds = signs_hold(candidate.kind, &used, &outcomes[k].theta);
+        let score = evidence(problem, candidate.kind, &used, before[k], outcomes[k].mse);
+        if holds { score } else { 0.0 }
+    };
+    let others = (1..before.len()).map(scored).collect();
+    let own = &outcomes[0];
+    let helps = share_helped(blocks, &own.blocks);
+    let score = scored(0);
+    let own = Ranked {
+        kind: candidate.kind,
+        shape: candidate.shape.clone(),
+        mse: own.mse,
+        theta: own.theta.clone(),
+        helps,
+        score,
+        used,
+    };
+    Some(((score > 0.0).then_some(own), others))
+}
+
+/// With all terms, or with one left out that the model has already.
+fn outcomes(
+    problem: &Problem<'_>,
+    columns: &[Vec<f64>],
+    efforts: usize,
+) -> Option<(Vec<bool>, Vec<super::score::Outcome>)> {
+    let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    if let Some(found) = problem.with(&all, efforts) {
+        return Some((vec![true; all.len()], found));
+    }
+    (0..all.len()).rev().filter(|_| all.len() > 1).find_map(|out| {
+        let used: Vec<bool> = (0..all.len()).map(|i| i != out).collect();
+        let some: Vec<&[f64]> = (0..all.len()).filter(|i| *i != out).map(|i| all[i]).collect();
+        Some((used, problem.with(&some, efforts)?))
+    })
+}
+
+/// Half the number of independent samples times the log ratio of the errors, less half a log of it for each free number.
+fn evidence(problem: &Problem<'_>, kind: &Kind, used: &[bool], before: f64, after: f64) -> f64 {
+    let independent = problem.independent();
+    let unused = used.iter().filter(|used| !**used).count();
+    let freedom = (kind.freedom() - unused) as f64;
+    0.5 * independent * (before / after.max(1e-300)).ln() - 0.5 * freedom * independent.ln()
+}
+
+fn share_helped(before: &[f64], after: &[f64]) -> f64 {
+    let helped = before.iter().zip(after).filter(|(b, a)| a < b).count();
+    helped as f64 / before.len().max(1) as f64
+}
+
+/// The entry with its shape where the held-out error is smallest nearby: golden sections along each shape in turn, twice.
+fn refine(
+    ground: &Ground,
+    problem: &Problem<'_>,
+    start: Ranked,
+    before: f64,
+    blocks: &[f64],
+) -> Result<Ranked, MotionError> {
+    let kind = start.kind;
+    let mut failed = None;
+    let mut best = start.clone();
+    let shape = minimize(kind, &start.shape, ground.scope().range(), |shape| {
+        let columns = match ground.columns_of(kind, shape) {
+            Ok(columns) => columns,
+            Err(error) => {
+                failed = Some(error);
+                return f64::INFINITY;
+            }
+        };
+        let Some((used, outcomes)) = outcomes(problem, &columns, 1) else {
+            return f64::INFINITY;
+        };
+        let own = &outcomes[0];
+        if !signs_hold(kind, &used, &own.theta) {
+            return f64::INFINITY;
+        }
+        if own.mse < best.mse {
+            best = Ranked {
+                kind,
+                shape: shape.to_vec(),
+                score: evidence(problem, kind, &used, before, own.mse),
+                mse: own.mse,
+                helps: share_helped(blocks, &own.blocks),
+                theta: own.theta.clone(),
+                used,
+            };
+        }
+        own.mse
+    });
+    drop(shape);
+    failed.map_or(Ok(best), Err)
+}
+
+/// Shapes near `start` with the least `cost`.
+pub(super) fn minimize(
+    kind: &Kind,
+    start: &[f64],
+    range: f64,
+    mut cost: impl FnMut(&[f64]) -> f64,
+) -> Vec<f64> {
+    let mut shape = start.to_vec();
+    let free = kind.shape.iter().filter(|s| s.2 != Search::Fixed).count();
+    let sweeps = if free > 1 { 2 } else { 1 };
+    for sweep in 0..sweeps {
+        let narrower = 0.5_f64.powi(sweep);
+        for (k, (_, _, search)) in kind.shape.iter().enumerate() {
+            let at = shape[k];
+            let interval = match search {
+                Search::Fixed => continue,
+                Search::Way(share) => [at - narrower * share * range, at + narrower * share * range],
+                Search::Seconds(s) => [at - narrower * s, at + narrower * s],
+                Search::Factor(f) => {
+                    let f = f.powf(narrower);
+                    [at / f, at * f]
+                }
+            };
+            let (found, value) = golden(interval, |v| {
+                let mut trial = shape.clone();
+                trial[k] = v;
+                cost(&trial)
+            });
+            if value <= cost(&shape) {
+                shape[k] = found;
+            }
+        }
+    }
+    shape
+}
+
+/// Golden section with ten values.
+fn golden([mut low, mut high]: [f64; 2], mut cost: impl FnMut(f64) -> f64) -> (f64, f64) {
+    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
+    let (mut at_a, mut at_b) = (cost(a), cost(b));
+    for _ in 0..8 {
+        if at_a < at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - ratio * (high - low);
+            at_a = cost(a);
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + ratio * (high - low);
+            at_b = cost(b);
+        }
+    }
+    if at_a < at_b { (a, at_a) } else { (b, at_b) }
+}
+
+impl Ranked {
+    pub(super) fn found(&self, ground: &Ground) -> Found {
+        ground.found(self.kind, self.shape.clone(), self.used.clone())
+    }
+}

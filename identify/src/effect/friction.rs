@@ -1,0 +1,139 @@
+//! Dry friction beyond one constant.
+
+use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
+use crate::least_squares::Bound::{Free, NonNegative};
+use crate::samples::quantile;
+
+/// `tau = coulomb sgn(dq)` one way only, `coulomb >= 0`. While moving the same as a constant load.
+pub const ASYMMETRIC: Kind = Kind {
+    name: "asymmetric_coulomb",
+    belongs: Belongs::Object,
+    terms: &[("coulomb", Unit::Effort, NonNegative)],
+    shape: &[("direction", Unit::One, Search::Fixed)],
+    variable: Variable::Dq,
+    grid: |_| vec![vec![-1.0], vec![1.0]],
+    series: |scope, shape| vec![scope.by_state(|_, _, s| if s * shape[0] > 0.0 { s } else { 0.0 })],
+    at: Some(|shape, _, dq| vec![if dq * shape[0] > 0.0 { shape[0] } else { 0.0 }]),
+    separate: "rest in the middle of the range with no hand force: a load moves or is held there, friction is not",
+};
+
+/// `tau = extra sgn(dq) / (1 + (dq / speed)^2)`, `extra >= 0`: friction that falls as a film builds up.
+///
+/// # Source
+/// Armstrong-Helouvry, Dupont and Canudas de Wit, *A survey of models ... for machines with friction*, Automatica 30, 1994.
+pub const STRIBECK: Kind = Kind {
+    name: "stribeck",
+    belongs: Belongs::Object,
+    terms: &[("extra", Unit::Effort, NonNegative)],
+    shape: &[("speed", Unit::Speed, Search::Factor(1.8))],
+    variable: Variable::Dq,
+    grid: |scope| {
+        let speeds: Vec<f64> = scope.motion.dq.iter().map(|v| v.abs()).collect();
+        let fast = quantile(&speeds, 0.95).max(1e-9);
+        geometric(0.02 * fast, 0.5 * fast, 7)
+            .into_iter()
+            .map(|v| vec![v])
+            .collect()
+    },
+    series: |scope, shape| vec![scope.by_state(|_, dq, s| s / (1.0 + (dq / shape[0]).powi(2)))],
+    at: Some(|shape, _, dq| vec![sign(dq) / (1.0 + (dq / shape[0]).powi(2))]),
+    separate: "slow steady strokes at a few speeds below the typical one",
+};
+
+/// `tau = extra sgn(dq) exp(-time since leaving rest / 60 ms)`, `extra >= 0`: more friction to break away from rest than to slide.
+/// Seen only in what the gates leave after a rest.
+pub const STICTION: Kind = Kind {
+    name: "stiction",
+    belongs: Belongs::Object,
+    terms: &[("extra", Unit::Effort, NonNegative)],
+    shape: &[],
+    variable: Variable::SinceReversal,
+    grid: |_| vec![vec![]],
+    series: |scope, _| vec![after_rest(scope)],
+    at: None,
+    separate: "many slow starts from rest, pulling until it breaks away",
+};
+
+fn after_rest(scope: &Scope<'_>) -> Vec<f64> {
+    let motion = scope.motion;
+    let mut out = vec![0.0; motion.q.len()];
+    let least = (0.1 / motion.period) as usize;
+    for run in &motion.runs {
+        let (mut resting, mut left) = (0_usize, f64::INFINITY);
+        for i in run.clone() {
+            if motion.dq[i].abs() < motion.slow_speed {
+                resting += 1;
+            } else {
+                if resting >= least {
+                    left = 0.0;
+                }
+                resting = 0;
+            }
+            if resting == 0 {
+                out[i] = motion.sign[i] * (-left / 0.06).exp();
+                left += motion.period;
+            }
+        }
+    }
+    out
+}
+
+fn grown(shape: &[f64], q: f64) -> f64 {
+    ((q - shape[1]) / shape[2]).clamp(0.0, 1.0).powf(shape[0])
+}
+
+/// `tau = growth sgn(dq) ((q - from) / range)^power`: a warped rail, a hinge that binds.
+pub const POSITION_DEPENDENT: Kind = Kind {
+    name: "position_dependent_friction",
+    belongs: Belongs::Object,
+    terms: &[("growth", Unit::Effort, Free)],
+    shape: &[
+        ("power", Unit::One, Search::Factor(1.4)),
+        ("from", Unit::Position, Search::Fixed),
+        ("range", Unit::Position, Search::Fixed),
+    ],
+    variable: Variable::Q,
+    grid: |scope| {
+        [0.5, 1.0, 2.0, 3.5]
+            .into_iter()
+            .map(|power| vec![power, scope.q[0], scope.range()])
+            .collect()
+    },
+    series: |scope, shape| vec![scope.by_state(|q, _, s| s * grown(shape, q))],
+    at: Some(|shape, q, dq| vec![sign(dq) * grown(shape, q)]),
+    separate: "slow strokes over the whole range, both ways",
+};
+
+/// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up.
+pub const DRIFT: Kind = Kind {
+    name: "friction_drift",
+    belongs: Belongs::Recording,
+    terms: &[("extra", Unit::Effort, Free)],
+    shape: &[("time", Unit::Time, Search::Factor(1.8))],
+    variable: Variable::Time,
+    grid: |scope| {
+        let duration = scope.duration();
+        geometric(0.07 * duration, 3.0 * duration, 6)
+            .into_iter()
+            .map(|time| vec![time])
+            .collect()
+    },
+    series: |scope, shape| {
+        let start = scope.motion.time.first().copied().unwrap_or(0.0);
+        let motion = scope.motion;
+        vec![
+            motion
+                .sign
+                .iter()
+                .zip(&motion.time)
+                .map(|(s, t)| s * (-(t - start) / shape[0]).exp())
+                .collect(),
+        ]
+    },
+    at: None,
+    separate: "the same slow strokes at the beginning and at the end",
+};
+
+fn sign(dq: f64) -> f64 {
+    if dq == 0.0 { 0.0 } else { dq.signum() }
+}

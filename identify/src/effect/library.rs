@@ -1,0 +1,240 @@
+//! The library of effects that a model may lack: what each adds to the effort, on a prepared motion.
+//!
+//! A [`Kind`] gives regressors for a set of shape parameters (where a detent sits, how long a bristle is). The shapes start
+//! on a coarse grid and are refined by nonlinear least squares; the terms are linear. Efforts are applied by the tool, so
+//! what resists the motion has a positive term. Every regressor goes through the effort's filter.
+
+use crate::least_squares::Bound;
+use crate::motion::Motion;
+use crate::samples::extrema;
+use crate::screw::JointKind;
+
+use super::{damping, friction, load, measurement, memory};
+
+/// Whether an effect is a property of the object, or of one recording (its constants are then fitted anew).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Belongs {
+    /// To the object: must be there, and equal, in every recording of it.
+    Object,
+    /// To the recording: sensor, timing, grasp, temperature, load.
+    Recording,
+}
+
+/// The variable against which the evidence of an effect shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Variable {
+    /// Coordinate.
+    Q,
+    /// Velocity.
+    Dq,
+    /// Acceleration.
+    Ddq,
+    /// Time.
+    Time,
+    /// Way gone since the last reversal.
+    SinceReversal,
+}
+
+/// What a number is measured in, by kind of joint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// N m or N.
+    Effort,
+    /// N m/rad or N/m.
+    Stiffness,
+    /// N m s/rad or N s/m.
+    Viscous,
+    /// N m s^2/rad^2 or N s^2/m^2.
+    Drag,
+    /// kg m^2 or kg.
+    Inertia,
+    /// Effort per second.
+    EffortRate,
+    /// rad or m.
+    Position,
+    /// rad/s or m/s.
+    Speed,
+    /// s.
+    Time,
+    /// s^2.
+    TimeSquared,
+    /// No unit.
+    One,
+}
+
+impl Unit {
+    /// The unit's text.
+    #[must_use]
+    pub fn text(self, kind: JointKind) -> String {
+        let turning = kind == JointKind::Revolute;
+        let pick = |a: &str, b: &str| if turning { a } else { b }.to_owned();
+        match self {
+            Self::Effort => kind.effort_unit().to_owned(),
+            Self::Stiffness => pick("N m/rad", "N/m"),
+            Self::Viscous => kind.viscous_unit().to_owned(),
+            Self::Drag => pick("N m s^2/rad^2", "N s^2/m^2"),
+            Self::Inertia => kind.inertia_unit().to_owned(),
+            Self::EffortRate => pick("N m/s", "N/s"),
+            Self::Position => kind.position_unit().to_owned(),
+            Self::Speed => pick("rad/s", "m/s"),
+            Self::Time => "s".to_owned(),
+            Self::TimeSquared => "s^2".to_owned(),
+            Self::One => "1".to_owned(),
+        }
+    }
+}
+
+/// How a shape parameter is refined from its value on the grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Search {
+    /// Not at all: a choice.
+    Fixed,
+    /// Within so much of the coordinate's range, either way.
+    Way(f64),
+    /// Within this factor, either way.
+    Factor(f64),
+    /// Within so many seconds, either way.
+    Seconds(f64),
+}
+
+/// A shape parameter: name, unit, refinement.
+pub type Shape = (&'static str, Unit, Search);
+/// A linear term: name, unit, sign.
+pub type TermOf = (&'static str, Unit, Bound);
+
+/// One effect of the library.
+#[derive(Clone, Copy)]
+pub struct Kind {
+    /// Name from the project's vocabulary.
+    pub name: &'static str,
+    /// Object or recording.
+    pub belongs: Belongs,
+    /// Linear terms, one per regressor.
+    pub terms: &'static [TermOf],
+    /// Shape parameters.
+    pub shape: &'static [Shape],
+    /// Where its evidence shows.
+    pub variable: Variable,
+    /// Shapes to begin with; none when the effect cannot be or cannot be seen here.
+    pub grid: fn(&Scope<'_>) -> Vec<Vec<f64>>,
+    /// Regressors at the work rate, before the filter.
+    pub series: fn(&Scope<'_>, &[f64]) -> Vec<Vec<f64>>,
+    /// Regressors at a state (shape, q, dq), for twins; nothing for effects with memory and of the measurement.
+    pub at: Option<fn(&[f64], f64, f64) -> Vec<f64>>,
+    /// What would tell it from those that look alike.
+    pub separate: &'static str,
+}
+
+impl core::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "Kind({})", self.name)
+    }
+}
+
+impl Kind {
+    /// Number of free numbers: terms, and shapes that are refined.
+    #[must_use]
+    pub fn freedom(&self) -> usize {
+        let shapes = self.shape.iter().filter(|s| s.2 != Search::Fixed).count();
+        self.terms.len() + shapes
+    }
+}
+
+/// A motion as the library sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Scope<'a> {
+    /// The motion.
+    pub motion: &'a Motion,
+    /// Inertia, Coulomb and viscous friction as far as known, for effects that act through them.
+    pub rigid: [f64; 3],
+    /// Smallest and largest coordinate.
+    pub q: [f64; 2],
+    /// What the coordinate of this recording lacks to that in which shapes were found.
+    pub datum: f64,
+}
+
+impl<'a> Scope<'a> {
+    /// The scope of a motion.
+    #[must_use]
+    pub fn of(motion: &'a Motion, rigid: [f64; 3]) -> Self {
+        let (low, high) = extrema(&motion.q);
+        Self {
+            motion,
+            rigid,
+            q: [low, high],
+            datum: 0.0,
+        }
+    }
+
+    /// Range of the coordinate.
+    #[must_use]
+    pub fn range(&self) -> f64 {
+        (self.q[1] - self.q[0]).max(1e-9)
+    }
+
+    /// Duration, s.
+    #[must_use]
+    pub fn duration(&self) -> f64 {
+        let (low, high) = extrema(&self.motion.time);
+        high - low
+    }
+
+    /// A regressor from the state alone.
+    pub(super) fn by_state(&self, f: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
+        (0..self.motion.q.len())
+            .map(|i| {
+                f(
+                    self.motion.q[i] + self.datum,
+                    self.motion.dq[i],
+                    self.motion.sign[i],
+                )
+            })
+            .collect()
+    }
+}
+
+/// All effects, simple ones before those that contain them.
+pub const LIBRARY: [&Kind; 20] = [
+    &load::CONSTANT_LOAD,
+    &load::SPRING,
+    &load::GRAVITY,
+    &load::DETENT,
+    &load::CATCH,
+    &load::RIPPLE,
+    &damping::ZONE,
+    &damping::ASYMMETRIC,
+    &damping::QUADRATIC,
+    &friction::ASYMMETRIC,
+    &friction::STRIBECK,
+    &friction::STICTION,
+    &friction::POSITION_DEPENDENT,
+    &friction::DRIFT,
+    &memory::PRESLIDING,
+    &memory::BACKLASH,
+    &measurement::TIME_LAG,
+    &measurement::PAYLOAD_SWITCH,
+    &measurement::SENSOR_DRIFT,
+    &measurement::GRASP_COMPLIANCE,
+];
+
+/// The effect of that name.
+#[must_use]
+pub fn kind(name: &str) -> Option<&'static Kind> {
+    LIBRARY.into_iter().find(|kind| kind.name == name)
+}
+
+/// Values from `low` to `high` in equal steps or, with [`geometric`], in equal factors.
+pub(super) fn even(low: f64, high: f64, count: usize) -> Vec<f64> {
+    (0..count)
+        .map(|i| low + (high - low) * i as f64 / (count.max(2) - 1) as f64)
+        .collect()
+}
+
+/// Values in equal factors.
+pub(super) fn geometric(low: f64, high: f64, count: usize) -> Vec<f64> {
+    even(low.ln(), high.ln(), count)
+        .into_iter()
+        .map(f64::exp)
+        .collect()
+}

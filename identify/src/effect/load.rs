@@ -1,0 +1,153 @@
+//! Efforts that depend on where the joint stands: loads, springs, weights, notches, magnets, rollers.
+
+use core::f64::consts::TAU;
+
+use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
+use crate::least_squares::Bound::{Free, NonNegative};
+use crate::screw::JointKind;
+
+/// `tau = load`. One alias class with a sensor bias and with Coulomb friction that differs between the directions.
+pub const CONSTANT_LOAD: Kind = Kind {
+    name: "constant_load",
+    belongs: Belongs::Recording,
+    terms: &[("load", Unit::Effort, Free)],
+    shape: &[],
+    variable: Variable::Q,
+    grid: |_| vec![vec![]],
+    series: |scope, _| vec![scope.by_state(|_, _, _| 1.0)],
+    at: Some(|_, _, _| vec![1.0]),
+    separate: "a tare in free air before and after (sensor bias), and the force at which the joint starts from rest in either direction",
+};
+
+/// `tau = preload + stiffness q`, `stiffness >= 0`. On a short range the same as gravity; makes inertia too small when missing.
+pub const SPRING: Kind = Kind {
+    name: "spring",
+    belongs: Belongs::Object,
+    terms: &[
+        ("stiffness", Unit::Stiffness, NonNegative),
+        ("preload", Unit::Effort, Free),
+    ],
+    shape: &[],
+    variable: Variable::Q,
+    grid: |_| vec![vec![]],
+    series: |scope, _| vec![scope.by_state(|q, _, _| q), scope.by_state(|_, _, _| 1.0)],
+    at: Some(|_, q, _| vec![q, 1.0]),
+    separate: "slow strokes over the whole range",
+};
+
+/// `tau = sine sin q + cosine cos q`: weight about an axis that is not vertical. Revolute joints.
+pub const GRAVITY: Kind = Kind {
+    name: "gravity",
+    belongs: Belongs::Object,
+    terms: &[("sine", Unit::Effort, Free), ("cosine", Unit::Effort, Free)],
+    shape: &[],
+    variable: Variable::Q,
+    grid: |scope| {
+        if scope.motion.kind == JointKind::Revolute && scope.range() > 0.3 {
+            vec![vec![]]
+        } else {
+            vec![]
+        }
+    },
+    series: |scope, _| {
+        vec![
+            scope.by_state(|q, _, _| q.sin()),
+            scope.by_state(|q, _, _| q.cos()),
+        ]
+    },
+    at: Some(|_, q, _| vec![q.sin(), q.cos()]),
+    separate: "a larger angle, or the direction of gravity against the axis",
+};
+
+fn notch(shape: &[f64], q: f64) -> f64 {
+    let u = (q - shape[0]) / shape[1];
+    u * (0.5 * (1.0 - u * u)).exp()
+}
+
+/// `tau = hold u exp((1 - u^2) / 2)`, `u = (q - centre) / width`, `hold >= 0`: pulled to the centre from both sides.
+pub const DETENT: Kind = Kind {
+    name: "detent",
+    belongs: Belongs::Object,
+    terms: &[("hold", Unit::Effort, NonNegative)],
+    shape: &[
+        ("centre", Unit::Position, Search::Way(0.03)),
+        ("width", Unit::Position, Search::Factor(1.6)),
+    ],
+    variable: Variable::Q,
+    grid: |scope| {
+        let mut out = Vec::new();
+        for width in [0.012_f64, 0.025, 0.05, 0.09] {
+            let count = (0.7 / width).clamp(12.0, 60.0) as usize;
+            for at in even(0.03, 0.97, count) {
+                out.push(vec![scope.q[0] + at * scope.range(), width * scope.range()]);
+            }
+        }
+        out
+    },
+    series: |scope, shape| vec![scope.by_state(|q, _, _| notch(shape, q))],
+    at: Some(|shape, q, _| vec![notch(shape, q)]),
+    separate: "slow strokes back and forth through the place",
+};
+
+fn pull(shape: &[f64], q: f64) -> f64 {
+    let distance = (q - shape[0]).max(0.0);
+    if shape[2] > 0.5 {
+        (1.0 + distance / shape[1]).powi(-2)
+    } else {
+        (-distance / shape[1]).exp()
+    }
+}
+
+/// `tau = pull exp(-(q - closed) / reach)` or `pull / (1 + (q - closed) / reach)^2`, `pull >= 0`: a magnet or a gasket at the
+/// closed end.
+pub const CATCH: Kind = Kind {
+    name: "catch",
+    belongs: Belongs::Object,
+    terms: &[("pull", Unit::Effort, NonNegative)],
+    shape: &[
+        ("closed", Unit::Position, Search::Fixed),
+        ("reach", Unit::Position, Search::Factor(1.7)),
+        ("inverse_square", Unit::One, Search::Fixed),
+    ],
+    variable: Variable::Q,
+    grid: |scope| {
+        let mut out = Vec::new();
+        for form in [0.0, 1.0] {
+            for reach in geometric(0.01, 0.2, 7) {
+                out.push(vec![scope.q[0], reach * scope.range(), form]);
+            }
+        }
+        out
+    },
+    series: |scope, shape| vec![scope.by_state(|q, _, _| pull(shape, q))],
+    at: Some(|shape, q, _| vec![pull(shape, q)]),
+    separate: "slow strokes that begin and end closed",
+};
+
+/// `tau = sine sin(2 pi q / pitch) + cosine cos(2 pi q / pitch)`: rollers, gear teeth, a magnetic motor.
+pub const RIPPLE: Kind = Kind {
+    name: "ripple",
+    belongs: Belongs::Object,
+    terms: &[("sine", Unit::Effort, Free), ("cosine", Unit::Effort, Free)],
+    shape: &[("pitch", Unit::Position, Search::Factor(1.02))],
+    variable: Variable::Q,
+    grid: |scope| {
+        waves(scope)
+            .into_iter()
+            .map(|cycles| vec![scope.range() / cycles])
+            .collect()
+    },
+    series: |scope, shape| {
+        vec![
+            scope.by_state(|q, _, _| (TAU * q / shape[0]).sin()),
+            scope.by_state(|q, _, _| (TAU * q / shape[0]).cos()),
+        ]
+    },
+    at: Some(|shape, q, _| vec![(TAU * q / shape[0]).sin(), (TAU * q / shape[0]).cos()]),
+    separate: "slow strokes over many periods",
+};
+
+/// Cycles over the range, in thirds, from three up to where slow strokes pass the filter.
+fn waves(_: &Scope<'_>) -> Vec<f64> {
+    (9..=150).map(|k| f64::from(k) / 3.0).collect()
+}

@@ -1,0 +1,90 @@
+//! Effects of the measurement: time, sensor, load, grasp.
+
+use super::library::{Belongs, Kind, Search, Unit, Variable, even, geometric};
+use crate::least_squares::Bound::{Free, NonNegative};
+
+/// `tau_measured(t) = tau(t - lag)`; to first order `-lag dtau/dt`. Refined by really shifting the effort.
+pub const TIME_LAG: Kind = Kind {
+    name: "time_lag",
+    belongs: Belongs::Recording,
+    terms: &[("lag", Unit::Time, Free)],
+    shape: &[],
+    variable: Variable::Ddq,
+    grid: |_| vec![vec![]],
+    series: |scope, _| {
+        let slope = scope.motion.derivative(&scope.motion.tau);
+        vec![slope.into_iter().map(|v| -v).collect()]
+    },
+    at: None,
+    separate: "sharp taps, and a hand-shake in free air: a lag is there too, compliance is not",
+};
+
+/// `tau = inertia ddq` from a time on: something was put in or taken out.
+pub const PAYLOAD_SWITCH: Kind = Kind {
+    name: "payload_switch",
+    belongs: Belongs::Recording,
+    terms: &[("inertia", Unit::Inertia, Free)],
+    shape: &[("at", Unit::Time, Search::Seconds(2.0))],
+    variable: Variable::Ddq,
+    grid: |scope| {
+        let motion = scope.motion;
+        let start = motion.time.first().copied().unwrap_or(0.0);
+        even(0.1, 0.9, 25)
+            .into_iter()
+            .map(|share| vec![start + share * scope.duration()])
+            .collect()
+    },
+    series: |scope, shape| {
+        let motion = scope.motion;
+        let ddq = motion.second_derivative(&motion.q_measured);
+        vec![
+            ddq.iter()
+                .zip(&motion.time)
+                .map(|(a, t)| if *t >= shape[0] { *a } else { 0.0 })
+                .collect(),
+        ]
+    },
+    at: None,
+    separate: "the same quick strokes before and after",
+};
+
+/// `tau = rise (1 - exp(-t / time))`: the sensor's zero goes away as it warms up.
+pub const SENSOR_DRIFT: Kind = Kind {
+    name: "sensor_drift",
+    belongs: Belongs::Recording,
+    terms: &[("rise", Unit::Effort, Free), ("start", Unit::Effort, Free)],
+    shape: &[("time", Unit::Time, Search::Factor(1.8))],
+    variable: Variable::Time,
+    grid: |scope| {
+        geometric(0.15 * scope.duration(), 10.0 * scope.duration(), 5)
+            .into_iter()
+            .map(|time| vec![time])
+            .collect()
+    },
+    series: |scope, shape| {
+        let start = scope.motion.time.first().copied().unwrap_or(0.0);
+        let since = scope.motion.time.iter();
+        vec![
+            since.map(|t| 1.0 - (-(t - start) / shape[0]).exp()).collect(),
+            scope.by_state(|_, _, _| 1.0),
+        ]
+    },
+    at: None,
+    separate: "free air before the grasp and after the release",
+};
+
+/// `tau = -(inertia / stiffness) d^2tau/dt^2`: pads and fingers give, so the object moves otherwise than the tool.
+pub const GRASP_COMPLIANCE: Kind = Kind {
+    name: "grasp_compliance",
+    belongs: Belongs::Recording,
+    terms: &[("inertia_over_stiffness", Unit::TimeSquared, NonNegative)],
+    shape: &[],
+    variable: Variable::Ddq,
+    grid: |_| vec![vec![]],
+    series: |scope, _| {
+        let bend = scope.motion.second_derivative(&scope.motion.tau);
+        vec![bend.into_iter().map(|v| -v).collect()]
+    },
+    at: None,
+    separate: "a firmer grasp, or pulling against a locked joint",
+};
