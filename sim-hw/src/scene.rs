@@ -237,6 +237,13 @@ impl Scene {
         self.measurement.seen(&self.sight(t), t)
     }
 
+    /// Both at once.
+    pub(crate) fn perceived(&self, t: f64) -> ([f64; 6], Sight) {
+        let sight = self.sight(t);
+        let measurement = &self.measurement;
+        (measurement.felt(&sight, t), measurement.seen(&sight, t))
+    }
+
     /// Jaw opening and its rate at `t`, m and m/s.
     pub(crate) fn jaw(&self, t: f64) -> (f64, f64) {
         let wide = self.handle_width.max(0.085);

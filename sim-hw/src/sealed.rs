@@ -149,7 +149,8 @@ pub enum SealedError {
     },
 }
 
-const ATTEMPTS: u32 = 200;
+const ROUNDS: u32 = 6;
+const ATTEMPTS_PER_ROUND: u32 = 60;
 /// The seed at which a draw is tried out.
 const TRIAL_SEED: u64 = 1;
 
@@ -157,21 +158,23 @@ impl SealedDraw {
     /// Draws object, effects and sizes from `seed`.
     ///
     /// Objects that cannot be probed (they open by themselves, or the hand does not get them open) are drawn again; the
-    /// kinds of effect stay.
+    /// kinds of effect stay, unless no object has two of them.
     ///
     /// # Errors
     /// `options.only` has an unknown name, or nothing that can be probed was drawn.
     pub fn draw(seed: u64, options: &SealedOptions) -> Result<Self, SealedError> {
         let mut random = Random::new(seed, Stream::Sealed);
-        let names = effect::names(options, &mut random)?;
-        for _ in 0..ATTEMPTS {
-            if let Some(draw) = Self::attempt(seed, options, &names, &mut random) {
-                return Ok(draw);
+        for _ in 0..ROUNDS {
+            let names = effect::names(options, &mut random)?;
+            for _ in 0..ATTEMPTS_PER_ROUND {
+                if let Some(draw) = Self::attempt(seed, options, &names, &mut random) {
+                    return Ok(draw);
+                }
             }
         }
         Err(SealedError::NoObject {
             seed,
-            attempts: ATTEMPTS,
+            attempts: ROUNDS * ATTEMPTS_PER_ROUND,
         })
     }
 
@@ -201,13 +204,11 @@ impl SealedDraw {
             // What the files will say, to the last digit.
             *scenario = Scenario::from_toml(&scenario.to_toml().ok()?).ok()?;
         }
-        let probed = [&main, &confirm].map(|scenario| Probed::of(scenario, TRIAL_SEED));
-        let [Ok(in_main), Ok(in_confirm)] = probed else {
-            return None;
+        let sound = |scenario: &Scenario| {
+            let probed = Probed::of(scenario, TRIAL_SEED).ok();
+            probed.filter(Probed::is_sound)
         };
-        if !(in_main.is_sound() && in_confirm.is_sound()) {
-            return None;
-        }
+        let (in_main, in_confirm) = (sound(&main)?, sound(&confirm)?);
         let together = Moved {
             main: in_main.moved,
             confirm: in_confirm.moved,

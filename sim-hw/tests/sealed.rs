@@ -56,15 +56,15 @@ fn main_and_confirm_are_one_object_and_two_persons() {
 
 #[test]
 fn draws_are_spread_over_objects_sizes_and_effects() {
-    let draws: Vec<SealedDraw> = (100..148).map(draw).collect();
+    let draws: Vec<SealedDraw> = (100..136).map(draw).collect();
     let counted = |count: usize| {
         draws
             .iter()
             .filter(|draw| draw.truth.effects.len() == count)
             .count()
     };
-    assert!((2..18).contains(&counted(0)), "none: {}", counted(0));
-    assert!((3..20).contains(&counted(2)), "two: {}", counted(2));
+    assert!((1..14).contains(&counted(0)), "none: {}", counted(0));
+    assert!((2..16).contains(&counted(2)), "two: {}", counted(2));
     let outside = draws
         .iter()
         .filter(|draw| {
@@ -74,7 +74,7 @@ fn draws_are_spread_over_objects_sizes_and_effects() {
                 .any(|effect| !effect.in_vocabulary)
         })
         .count();
-    assert!((1..15).contains(&outside), "outside: {outside}");
+    assert!((1..12).contains(&outside), "outside: {outside}");
     let mut objects: Vec<&str> = draws
         .iter()
         .map(|draw| draw.truth.object.as_str())
@@ -99,7 +99,6 @@ fn draws_are_spread_over_objects_sizes_and_effects() {
             assert!(moved.main.moved_rms < 0.02, "{moved:?}");
         }
         assert!(moved.main.effort_rms > 1.0 && moved.confirm.effort_rms > 1.0);
-        assert!(moved.main.unabsorbed_rms <= moved.main.moved_rms * 1.000_001);
     }
 }
 

@@ -199,7 +199,7 @@ fn of_the_object(name: &str, scale: &mut Scale<'_>) -> Option<EffectSpec> {
             rate: scale.way(0.01, 0.06),
         },
         "stiction" => E::Stiction {
-            extra: scale.friction(0.5, 1.5, 3.0),
+            extra: scale.friction(0.6, 2.0, 3.0),
         },
         "position_dependent_friction" => E::PositionDependentFriction {
             growth: scale.friction(0.4, 1.2, 4.0),

@@ -8,7 +8,7 @@ use crate::scene::Scene;
 use crate::tool::ContactWrench;
 use crate::truth::Declared;
 
-const RATE_HZ: f64 = 1000.0;
+const RATE_HZ: f64 = 500.0;
 const CUT_OFF_HZ: f64 = 6.0;
 
 /// How far undeclared effects move the effort that devices without noise would give, N m or N, rms from grasp to release.
@@ -23,7 +23,8 @@ pub struct EffortMoved {
     pub effort_rms: f64,
     /// Of the difference.
     pub moved_rms: f64,
-    /// Of what inertia, dry and viscous friction and a constant, fitted to the difference, leave of it.
+    /// Of what inertia, dry and viscous friction and a constant, fitted to the difference while the hand moves at more than
+    /// 0.01 m/s, leave of it there.
     pub unabsorbed_rms: f64,
 }
 
@@ -42,6 +43,7 @@ pub(super) struct Probed {
 struct Sample {
     effort: f64,
     moved: f64,
+    moves: bool,
     basis: [f64; 4],
 }
 
@@ -71,7 +73,7 @@ impl Probed {
         for step in 1..steps {
             let t = scene.timeline.grasp + f64::from(step) / RATE_HZ;
             scene.advance_to(t);
-            let (wrench, seen) = (scene.felt(t), scene.seen(t));
+            let (wrench, seen) = scene.perceived(t);
             let own = scene
                 .tool
                 .sensor_wrench(&seen.tcp, &ContactWrench::default());
@@ -101,6 +103,7 @@ impl Probed {
             samples.push(Sample {
                 effort,
                 moved,
+                moves: hand.rate.abs() * lever > 0.01,
                 basis: [hand.rate_change, direction, hand.rate, 1.0],
             });
             moving += usize::from(hand.rate.abs() * lever > 0.02);
@@ -131,14 +134,18 @@ fn summary(samples: &[Sample]) -> EffortMoved {
         smooth(&mut values);
         DVector::from_vec(values)
     };
+    let moves: Vec<usize> = (0..samples.len())
+        .filter(|row| samples[*row].moves)
+        .collect();
     let effort = column(&|sample| sample.effort);
     let moved = column(&|sample| sample.moved);
     let basis: [DVector<f64>; 4] = std::array::from_fn(|term| column(&|sample| sample.basis[term]));
-    let basis = DMatrix::from_columns(&basis);
+    let basis = DMatrix::from_columns(&basis).select_rows(&moves);
+    let moving = moved.select_rows(&moves);
     let fitted = (basis.transpose() * &basis)
         .cholesky()
-        .map(|normal| normal.solve(&(basis.transpose() * &moved)));
-    let left = fitted.map_or_else(|| moved.clone(), |theta| &moved - &basis * theta);
+        .map(|normal| normal.solve(&(basis.transpose() * &moving)));
+    let left = fitted.map_or_else(|| moving.clone(), |theta| &moving - &basis * theta);
     EffortMoved {
         effort_rms: rms(&effort),
         moved_rms: rms(&moved),
