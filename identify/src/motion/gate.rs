@@ -60,10 +60,11 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
 /// than a third of the typical speed, so that slow strokes survive.
 fn slow_speed(motion: &Motion) -> f64 {
     let speeds: Vec<f64> = motion.dq.iter().map(|v| v.abs()).collect();
+    let fast = quantile(&speeds, 0.95);
     let moving: Vec<f64> = speeds
         .iter()
         .copied()
-        .filter(|v| *v > 0.02 * quantile(&speeds, 0.95))
+        .filter(|v| *v > 0.02 * fast)
         .collect();
     let noise = motion
         .noise_of_q
@@ -71,7 +72,7 @@ fn slow_speed(motion: &Motion) -> f64 {
         .filter_map(|series| motion.filtered(&motion.derivative(series)).ok())
         .map(|series| crate::least_squares::rms(&series))
         .fold(0.0, f64::max);
-    (0.02 * quantile(&speeds, 0.95))
+    (0.02 * fast)
         .max(4.0 * noise)
         .min(quantile(&moving, 0.5) / 3.0)
 }
