@@ -95,7 +95,7 @@ pub struct Motion {
     pub dq: Vec<f64>,
     /// Its second derivative.
     pub ddq: Vec<f64>,
-    /// Sign of `dq`, averaged over the sample in which it changes.
+    /// Sign of `dq`, averaged over the half steps around each sample.
     pub sign: Vec<f64>,
     /// Effort through the anti-alias filter only.
     pub tau: Vec<f64>,
@@ -328,17 +328,24 @@ fn by_run(
     Ok(out)
 }
 
-/// Sign of a velocity, averaged over the step before each sample: between -1 and 1 where it changes.
+/// Sign of a velocity, averaged over the half steps around each sample: between -1 and 1 next to a change. A mean over the
+/// step before would come half a step late, and friction that comes late looks like inertia.
 fn mean_sign(velocity: &[f64]) -> Vec<f64> {
-    let mean = |a: f64, b: f64| {
-        if a * b < 0.0 {
-            (b.abs() - a.abs()) / (a.abs() + b.abs()) * b.signum()
-        } else {
-            b.signum()
+    let mut out: Vec<f64> = velocity.iter().map(|v| v.signum()).collect();
+    for (i, pair) in velocity.windows(2).enumerate() {
+        let (before, after) = (pair[0], pair[1]);
+        if before * after < 0.0 {
+            // The change lies this far behind sample i, in steps; it is in the cell of the nearer sample.
+            let at = before.abs() / (before.abs() + after.abs());
+            let (cell, share) = if at < 0.5 {
+                (i, at + 0.5)
+            } else {
+                (i + 1, at - 0.5)
+            };
+            out[cell] +=
+                before.signum() * share + after.signum() * (1.0 - share) - velocity[cell].signum();
         }
-    };
-    let mut out: Vec<f64> = velocity.first().map(|v| v.signum()).into_iter().collect();
-    out.extend(velocity.windows(2).map(|w| mean(w[0], w[1])));
+    }
     out
 }
 

@@ -118,6 +118,18 @@ fn a_still_a_short_and_a_crawling_joint_are_refused() {
 
 #[test]
 fn the_sign_is_averaged_where_it_changes() {
+    // Changes at 0.75, in the cell of sample 1, and at 2.5, on the border of two cells.
     let signs = mean_sign(&[-3.0, 1.0, 2.0, -2.0]);
-    assert_eq!(signs, vec![-1.0, -0.5, 1.0, 0.0]);
+    assert_eq!(signs, vec![-1.0, 0.5, 1.0, -1.0]);
+}
+
+#[test]
+fn the_sign_of_a_velocity_changes_when_the_velocity_does_and_not_half_a_step_later() {
+    for crossing in [20.1, 20.4, 20.5, 20.75, 20.99] {
+        let velocity: Vec<f64> = (0..41).map(|i| f64::from(i) - crossing).collect();
+        let sum: f64 = super::mean_sign(&velocity).iter().sum();
+        // The integral of the true sign over the cells, from -1/2 to 40 1/2.
+        let exact = (40.5 - crossing) - (crossing + 0.5);
+        assert!((sum - exact).abs() < 1e-12, "{crossing}: {sum} {exact}");
+    }
 }
