@@ -6,11 +6,13 @@
 //! noise floor allows to doubt, helps in most blocks and has a physical sign. Later effects may replace or remove earlier
 //! ones. What fits nearly as well is named beside it, and what helped but was turned down is listed with the reason.
 
+mod confirm;
 mod model;
 mod null;
 mod scan;
 mod score;
 mod search;
 
+pub use confirm::{Confirmation, confirm};
 pub use model::Found;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose};

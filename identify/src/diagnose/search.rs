@@ -62,6 +62,8 @@ pub struct Diagnosis {
     pub motion: Motion,
     /// The samples it comes from.
     pub samples: JointSamples,
+    /// Whether the coordinate's zero is that of the file, as in tables, and not that of the grasp.
+    pub is_table: bool,
 }
 
 const REPLICATES: usize = 40;
@@ -74,6 +76,18 @@ const LEAST_FLOOR: f64 = 1.5e-3;
 const AT_FLOOR: f64 = 1.03;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
+/// Kinds of which a joint may have two.
+const TWICE: [&str; 2] = ["damping_zone", "detent"];
+/// Kinds that hold another one as a special case: no alternatives to it.
+const CONTAIN: [(&str, &str); 7] = [
+    ("spring", "constant_load"),
+    ("spring", "asymmetric_coulomb"),
+    ("sensor_drift", "constant_load"),
+    ("sensor_drift", "asymmetric_coulomb"),
+    ("gravity", "constant_load"),
+    ("gravity", "asymmetric_coulomb"),
+    ("damping_zone", "asymmetric_viscous"),
+];
 
 /// Looks for what the model lacks on `samples`.
 ///
@@ -90,6 +104,36 @@ pub fn diagnose(
         }
     }
     state.finish()
+}
+
+impl Diagnosis {
+    /// The effects that have regressors: all but a lag, which was taken out of the samples.
+    #[must_use]
+    pub fn found(&self) -> Vec<Found> {
+        let all = self.effects.iter().map(|effect| effect.found.clone());
+        all.filter(|found| found.kind.name != "time_lag").collect()
+    }
+
+    /// Fits the model anew after effects were taken out or the motion changed.
+    ///
+    /// # Errors
+    /// [`DynamicsError`].
+    pub fn refit(&mut self) -> Result<(), DynamicsError> {
+        let mut found = Vec::new();
+        let mut before = fit_found(&self.motion, &found)?.held_out_rms;
+        for effect in &mut self.effects {
+            if effect.found.kind.name == "time_lag" {
+                continue;
+            }
+            found.push(effect.found.clone());
+            let after = fit_found(&self.motion, &found)?.held_out_rms;
+            effect.held_out_rms = [before, after];
+            before = after;
+        }
+        self.model = fit_found(&self.motion, &found)?;
+        self.floor = floor_of(&self.samples, &self.motion, &self.model)?;
+        Ok(())
+    }
 }
 
 struct State {
@@ -200,6 +244,10 @@ impl State {
     fn why_not(&self, entry: &Ranked, seen: &Look) -> Option<String> {
         let size = (seen.mse - entry.mse).max(0.0).sqrt();
         let floor = self.floor.rms;
+        let again = self.effects.iter().filter(|(found, _)| found.kind.name == entry.kind.name);
+        if again.count() > usize::from(TWICE.contains(&entry.kind.name)) {
+            return Some("it is in the model already, and once more makes no physical sense".to_owned());
+        }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
         }
@@ -416,6 +464,7 @@ impl State {
             lag_s: self.lag.map(|lag| lag.0),
             model,
             floor,
+            is_table: self.samples.noise_of_q.is_empty(),
             motion: self.ground.motion,
             samples: self.samples,
         })
@@ -432,6 +481,9 @@ impl State {
             .iter()
             .filter(|entry| entry.kind.name != name)
             .filter(|entry| seen.mse - entry.mse >= 0.85 * gain && entry.mse <= 1.15 * own)
+            .filter(|entry| {
+                !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own
+            })
             .map(|entry| ambiguity(entry.kind))
             .collect())
     }
@@ -465,7 +517,7 @@ fn p_value(entry: &Ranked, seen: &Look) -> f64 {
     (1.0 + as_good as f64) / (1.0 + seen.chance.len() as f64)
 }
 
-fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel, DynamicsError> {
+pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel, DynamicsError> {
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
     fit_parametric(motion, &effects)

@@ -1,0 +1,300 @@
+//! Whether an effect found in one recording is there in another one of the same object.
+//!
+//! Inertia, friction and the object's effects keep the numbers of the first recording; what belongs to a recording (bias,
+//! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
+
+use super::model::{Found, Ground, in_parallel};
+use super::scan::minimize;
+use super::score::Problem;
+use super::search::{Diagnosis, Refused, fit_found};
+use crate::dynamics::DynamicsError;
+use crate::effect::library::{Belongs, Search, kind};
+use crate::least_squares::rms;
+use crate::motion::{Motion, MotionSettings};
+use crate::samples::JointSamples;
+
+/// Errors on a confirming recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Confirmation {
+    /// Its file.
+    pub file: String,
+    /// Before and after each effect, in their order.
+    pub rms: Vec<[f64; 2]>,
+    /// Residual over effort of the model with all effects.
+    pub relative_error: f64,
+}
+
+/// An effect must bring this share of what its own size promises.
+const LEAST_SHARE: f64 = 0.25;
+const DATUM_STEPS: i32 = 6;
+const DATUM_STEP: f64 = 0.005;
+
+/// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples).
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn confirm(
+    diagnosis: &mut Diagnosis,
+    others: &[(String, JointSamples)],
+    settings: &MotionSettings,
+) -> Result<Vec<Confirmation>, DynamicsError> {
+    let mut grounds = Vec::new();
+    for (file, samples) in others {
+        let ground = Ground::of(Motion::prepare(samples, settings)?)?;
+        grounds.push((file, samples, ground));
+    }
+    confirm_lag(diagnosis, &mut grounds, settings)?;
+    let mut at = 0;
+    let mut datums: Vec<f64> = Vec::new();
+    for (_, _, ground) in &grounds {
+        datums.push(datum(diagnosis, ground)?);
+    }
+    while at < diagnosis.effects.len() {
+        if diagnosis.effects[at].found.kind.name == "time_lag" {
+            at += 1;
+            continue;
+        }
+        let failed = grounds.iter().zip(&datums).find_map(|((file, _, ground), datum)| {
+            match holds(diagnosis, at, ground, *datum) {
+                Ok(None) => None,
+                Ok(Some(pair)) => Some(Ok((file, pair))),
+                Err(error) => Some(Err(error)),
+            }
+        });
+        if let Some(failed) = failed {
+            let (file, pair) = failed?;
+            let gone = diagnosis.effects.remove(at);
+            diagnosis.refused.push(Refused {
+                name: gone.found.kind.name,
+                reason: format!(
+                    "not confirmed on {file}: the error there goes from {:.3} to {:.3}",
+                    pair[0], pair[1]
+                ),
+                held_out_rms: gone.held_out_rms,
+            });
+        } else {
+            at += 1;
+        }
+    }
+    diagnosis.refit()?;
+    let mut out = Vec::new();
+    for ((file, _, ground), datum) in grounds.iter().zip(datums) {
+        let mut pairs = Vec::new();
+        for count in 0..diagnosis.effects.len() {
+            pairs.push([
+                error_on(diagnosis, count, ground, datum)?.0,
+                error_on(diagnosis, count + 1, ground, datum)?.0,
+            ]);
+        }
+        let last = error_on(diagnosis, diagnosis.effects.len(), ground, datum)?.0;
+        out.push(Confirmation {
+            file: (*file).clone(),
+            rms: pairs,
+            relative_error: last / rms(&ground.y).max(f64::MIN_POSITIVE),
+        });
+    }
+    Ok(out)
+}
+
+type Others<'a> = Vec<(&'a String, &'a JointSamples, Ground)>;
+
+/// Fits the lag of each confirming recording, shifts it, and asks whether that helps.
+fn confirm_lag(
+    diagnosis: &mut Diagnosis,
+    grounds: &mut Others<'_>,
+    settings: &MotionSettings,
+) -> Result<(), DynamicsError> {
+    let (Some(lag), Some(time_lag)) = (diagnosis.lag_s, kind("time_lag")) else {
+        return Ok(());
+    };
+    let mut failed = None;
+    for (file, samples, ground) in grounds.iter_mut() {
+        let found = objects(diagnosis);
+        let mut there = 0.0;
+        let before = fit_found(&ground.motion, &found)?.held_out_rms;
+        let mut after = before;
+        for _ in 0..4 {
+            let mut x = ground.columns(&found)?;
+            x.extend(ground.columns_of(time_lag, &[])?);
+            let Some(rest) = super::score::solve(&x, &ground.y).and_then(|t| t.last().copied()) else {
+                break;
+            };
+            there += rest;
+            *ground = Ground::of(Motion::prepare(&samples.with_effort_earlier(there), settings)?)?;
+            after = fit_found(&ground.motion, &found)?.held_out_rms;
+            if rest.abs() < 1e-4 {
+                break;
+            }
+        }
+        // Another recording may have another lag, but not none.
+        if after >= before || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
+            failed = Some((format!("not confirmed on {file}: the lag there is {:.2} ms", 1e3 * there), [before, after]));
+        }
+    }
+    if let Some((reason, _)) = failed {
+        if let Some(at) = diagnosis.effects.iter().position(|e| e.found.kind.name == "time_lag") {
+            let gone = diagnosis.effects.remove(at);
+            diagnosis.refused.push(Refused {
+                name: "time_lag",
+                reason,
+                held_out_rms: gone.held_out_rms,
+            });
+        }
+        diagnosis.lag_s = None;
+        diagnosis.samples = diagnosis.samples.with_effort_earlier(-lag);
+        diagnosis.motion = Motion::prepare(&diagnosis.samples, settings)?;
+        for (_, samples, ground) in grounds.iter_mut() {
+            *ground = Ground::of(Motion::prepare(samples, settings)?)?;
+        }
+    }
+    Ok(())
+}
+
+/// The effects with columns.
+fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
+    let found = diagnosis.effects.iter().map(|effect| effect.found.clone());
+    found.filter(|found| found.kind.name != "time_lag").collect()
+}
+
+/// The pair of errors when effect `at` does not help there.
+fn holds(
+    diagnosis: &Diagnosis,
+    at: usize,
+    ground: &Ground,
+    datum: f64,
+) -> Result<Option<[f64; 2]>, DynamicsError> {
+    let (before, _) = error_on(diagnosis, at, ground, datum)?;
+    let (after, size) = error_on(diagnosis, at + 1, ground, datum)?;
+    let gain = before * before - after * after;
+    let promised = diagnosis.effects[at].held_out_rms;
+    let here = (promised[0].powi(2) - promised[1].powi(2)).max(0.0);
+    let expected = here * (size / size_of(diagnosis, at)?.max(1e-12)).powi(2).min(1.0);
+    Ok((gain < LEAST_SHARE * expected || gain <= 0.0).then_some([before, after]))
+}
+
+/// Root mean square effort of effect `at` in the first recording.
+fn size_of(diagnosis: &Diagnosis, at: usize) -> Result<f64, DynamicsError> {
+    let found: Vec<Found> = diagnosis.effects[..=at].iter().map(|e| e.found.clone()).collect();
+    let found: Vec<Found> = found.into_iter().filter(|f| f.kind.name != "time_lag").collect();
+    let model = fit_found(&diagnosis.motion, &found)?;
+    let Some(last) = found.last() else { return Ok(0.0) };
+    contribution(&diagnosis.motion, last, &model.theta.as_slice()[model.theta.len() - last.terms().count()..])
+}
+
+fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, DynamicsError> {
+    let mut sum = vec![0.0; motion.kept.len()];
+    for (series, theta) in found.series(motion).iter().zip(theta) {
+        for (sum, value) in sum.iter_mut().zip(motion.regressor(series)?) {
+            *sum += theta * value;
+        }
+    }
+    Ok(rms(&sum))
+}
+
+/// Error there of the model with the first `count` effects, and the size of the last of them there.
+fn error_on(
+    diagnosis: &Diagnosis,
+    count: usize,
+    ground: &Ground,
+    datum: f64,
+) -> Result<(f64, f64), DynamicsError> {
+    let here = &diagnosis.effects[..count];
+    let found: Vec<Found> = here
+        .iter()
+        .map(|effect| effect.found.clone())
+        .filter(|found| found.kind.name != "time_lag")
+        .collect();
+    let model = fit_found(&diagnosis.motion, &found)?;
+    let mut theta = model.theta.as_slice().iter();
+    let mut left = ground.y.clone();
+    let mut take = |column: &[f64], theta: f64| {
+        for (left, value) in left.iter_mut().zip(column) {
+            *left -= theta * value;
+        }
+    };
+    for column in &ground.base {
+        take(column, theta.next().copied().unwrap_or(0.0));
+    }
+    let mut anew: Vec<Vec<f64>> = Vec::new();
+    let mut size = 0.0;
+    for found in &found {
+        let mut there = Found { datum, ..found.clone() };
+        let own = found.kind.belongs == Belongs::Recording;
+        if own {
+            there.shape = reshaped(ground, &left, &anew, &there)?;
+        }
+        let mut sum = vec![0.0; ground.y.len()];
+        for (series, term) in there.series(&ground.motion).iter().zip(found.terms()) {
+            let theta = theta.next().copied().unwrap_or(0.0);
+            let column = ground.motion.regressor(series)?;
+            for (sum, value) in sum.iter_mut().zip(&column) {
+                *sum += theta * value;
+            }
+            if own || term.0 == "preload" {
+                anew.push(column);
+            } else {
+                for (left, value) in left.iter_mut().zip(&column) {
+                    *left -= theta * value;
+                }
+            }
+        }
+        size = rms(&sum);
+    }
+    if anew.is_empty() {
+        return Ok((rms(&left), size));
+    }
+    let ys = [left.clone()];
+    let problem = Problem::new(&anew, &ys, &ground.folds);
+    let error = problem.alone().map_or_else(|| rms(&left), |outcome| outcome[0].mse.sqrt());
+    Ok((error, size))
+}
+
+/// The shape that fits a recording's own effect there.
+fn reshaped(
+    ground: &Ground,
+    left: &[f64],
+    anew: &[Vec<f64>],
+    found: &Found,
+) -> Result<Vec<f64>, DynamicsError> {
+    if found.kind.shape.iter().all(|s| s.2 == Search::Fixed) {
+        return Ok(found.shape.clone());
+    }
+    let ys = [left.to_vec()];
+    let problem = Problem::new(anew, &ys, &ground.folds);
+    let cost = |shape: &[f64]| {
+        let trial = Found { shape: shape.to_vec(), ..found.clone() };
+        let columns: Option<Vec<Vec<f64>>> = trial
+            .series(&ground.motion)
+            .iter()
+            .map(|series| ground.motion.regressor(series).ok())
+            .collect();
+        let columns = columns.unwrap_or_default();
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        problem.with(&columns, 1).map_or(f64::INFINITY, |outcome| outcome[0].mse)
+    };
+    let grid = (found.kind.grid)(&ground.scope());
+    let costs = in_parallel(&grid, |shape| cost(shape));
+    let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+    let start = best.map_or_else(|| found.shape.clone(), |best| grid[best].clone());
+    Ok(minimize(found.kind, &start, ground.scope().range(), cost))
+}
+
+/// Where the zero of the coordinate of another recording lies: within 3 % of the range, where the whole model fits best.
+fn datum(diagnosis: &Diagnosis, ground: &Ground) -> Result<f64, DynamicsError> {
+    let located = diagnosis.effects.iter().any(|effect| {
+        effect.found.kind.belongs == Belongs::Object
+            && effect.found.kind.shape.iter().any(|s| s.1 == crate::effect::library::Unit::Position)
+    });
+    if !located || diagnosis.is_table {
+        return Ok(0.0);
+    }
+    let mut best = (0.0, f64::INFINITY);
+    for step in -DATUM_STEPS..=DATUM_STEPS {
+        let datum = f64::from(step) * DATUM_STEP * ground.scope().range();
+        let (error, _) = error_on(diagnosis, diagnosis.effects.len(), ground, datum)?;
+        if error < 0.995 * best.1 || (error < best.1 && step == 0) {
+            best = (datum, error);
+        }
+    }
+    Ok(best.0)
+}
