@@ -65,10 +65,7 @@ pub fn with_driver<U: DriverUser>(
                 ..Default::default()
             };
             let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
-            Ok(user.can(
-                move || robotous_can::RobotousCan::new(config),
-                listened,
-            ))
+            Ok(user.can(move || robotous_can::RobotousCan::new(config), listened))
         }
         Driver::RobotousUart => {
             let settings: RobotousSettings = read(device)?;
@@ -84,10 +81,7 @@ pub fn with_driver<U: DriverUser>(
         Driver::Dynamixel => {
             let settings: DynamixelSettings = read(device)?;
             let config = settings.config(startup);
-            Ok(user.serial(
-                move || dynamixel::Dynamixel::new(config),
-                settings.baud_bps,
-            ))
+            Ok(user.serial(move || dynamixel::Dynamixel::new(config), settings.baud_bps))
         }
         Driver::PoseStream => {
             let settings: PoseSettings = read(device)?;

@@ -4,37 +4,29 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 
-use crate::workspace_root;
-
-/// The folder of the built programs; builds them once, with the profile of the running test.
+/// The folder of the built programs: `cargo test --workspace` builds them before it runs any test.
 ///
 /// # Panics
-/// The programs do not build.
+/// They are not there.
 #[must_use]
 pub fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
-        let mut build = Command::new(env!("CARGO"));
-        build.current_dir(workspace_root()).args([
-            "build",
-            "--quiet",
-            "--locked",
-            "--workspace",
-            "--bins",
-        ]);
-        if !cfg!(debug_assertions) {
-            build.arg("--release");
-        }
-        let status = build.status();
-        assert!(
-            status.is_ok_and(|status| status.success()),
-            "the programs do not build"
-        );
         // .../target/<profile>/deps/<test>-<hash>
         let test = std::env::current_exe().unwrap_or_default();
-        test.ancestors()
+        let folder = test
+            .ancestors()
             .nth(2)
-            .map_or_else(PathBuf::new, Path::to_path_buf)
+            .map_or_else(PathBuf::new, Path::to_path_buf);
+        for program in ["ft-capture", "ft-view", "ft-identify", "ft-sim-hw"] {
+            let path = folder.join(program);
+            assert!(
+                path.exists(),
+                "{}: run `cargo build --workspace --bins` first",
+                path.display()
+            );
+        }
+        folder
     })
 }
 

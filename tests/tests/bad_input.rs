@@ -207,8 +207,12 @@ fn tables_with_mistakes_are_named_by_row_and_column() {
         identify(folder.path(), &arguments).expect_code(1)
     };
     table("t,q\n0,0\n").complains(&["t.csv", "`f`", "t, q"]);
-    table("t,q,f\n0,0,1\n0.1,zero,1\n").complains(&["t.csv", "zero", "q"]);
-    table("t,q,f\n0,0,1\n0.1,NaN,1\n").complains(&["t.csv", "q"]);
-    table("t,q,f\n0,0,1\n0.2,0,1\n0.1,0,1\n").complains(&["t.csv", "increas"]);
+    table("t,q,f\n0,0,1\n0.1,zero,1\n").complains(&["t.csv", "row", "zero", "`q`"]);
+    table("t,q,f\n0,0,1\n0.1,NaN,1\n").complains(&["t.csv", "row", "NaN", "`q`"]);
+    table("t,q,f\n0,0,1\n0.2,0,1\n0.1,0,1\n").complains(&[
+        "t.csv",
+        "row 4",
+        "0.1 s does not come after 0.2 s",
+    ]);
     table("t,q,f\n0,0,1\n0.1,0,1\n").complains(&["t.csv", "2 rows", "at least"]);
 }
