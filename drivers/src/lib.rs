@@ -23,6 +23,7 @@ pub mod link;
 pub mod options;
 mod outbox;
 pub mod pose_stream;
+pub mod priority;
 pub mod pump;
 pub mod reading;
 pub mod robotous;

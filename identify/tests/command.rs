@@ -83,7 +83,7 @@ fn wrong_arguments_end_with_2_and_wrong_input_with_1() {
     let missing = run(&["/nonexistent/x.mcap", "-o", "/tmp/never"]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(
-        text(&missing.stderr).starts_with("error: ") && missing.stdout.is_empty(),
+        text(&missing.stderr).starts_with("ft-identify: ") && missing.stdout.is_empty(),
         "{}",
         text(&missing.stderr)
     );

@@ -172,6 +172,8 @@ impl Server {
         let thread = std::thread::Builder::new()
             .name("sim-hw".to_owned())
             .spawn(move || {
+                // Devices do not wait for a busy host; without CAP_SYS_NICE they have to.
+                let _ = ft_drivers::priority::prefer_this_thread();
                 let dropped = serve(&serving, &clock, &mut outlets);
                 // The receiver is gone when nobody asks.
                 let _ = report.send(dropped);
