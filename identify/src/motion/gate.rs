@@ -9,7 +9,7 @@ use crate::samples::quantile;
 /// |---|---|
 /// | `border` | the filter's length at either end of a run |
 /// | `slow` | within half a filter length of a stretch of 30 ms or more below the threshold speed: stuck, or about to be; a quick reversal, as in shaking, stays |
-/// | `limit` | within half a filter length of the outermost 1 % of the range: end stops |
+/// | `limit` | within half a filter length of the outermost 1 % of the range; where the joint is thrown against its stop, from where the weakest blow turns it and for the filter's whole ringing: end stops |
 /// | `acceleration` | beyond three times what 99 % of the samples reach: a tracker that jumped |
 pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let step = ((1.0 / (4.0 * cutoff_hz)) / motion.period).round().max(1.0) as usize;
@@ -24,14 +24,7 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let stuck = widened(motion, &lasting(motion, &slow), window);
     let speeds: Vec<f64> = motion.ddq.iter().map(|a| a.abs()).collect();
     let implausible = 3.0 * quantile(&speeds, 0.99);
-    let (low, high) = (quantile(&motion.q, 0.0), quantile(&motion.q, 1.0));
-    let margin = 0.01 * (high - low);
-    let at_limit: Vec<bool> = motion
-        .q
-        .iter()
-        .map(|q| *q < low + margin || *q > high - margin)
-        .collect();
-    let near_limit = widened(motion, &at_limit, window);
+    let near_limit = near_limit(motion, [window, border]);
     let mut total = 0;
     for run in motion.runs.clone() {
         for i in run.clone().step_by(step) {
@@ -54,6 +47,70 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
         }
     }
     total
+}
+
+/// Samples about an end stop. `windows` = samples to leave out about touching it and about a blow.
+fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
+    let (low, high) = (quantile(&motion.q, 0.0), quantile(&motion.q, 1.0));
+    let margin = 0.01 * (high - low);
+    let blows = blows(motion, low, high);
+    let turned = |at_high: bool| {
+        blows
+            .iter()
+            .map(|&i| motion.q[i])
+            .filter(move |q| (*q > 0.5 * (low + high)) == at_high)
+    };
+    let from = turned(true).fold(high, f64::min) - margin;
+    let to = turned(false).fold(low, f64::max) + margin;
+    let touching: Vec<bool> = motion.q.iter().map(|q| *q < to || *q > from).collect();
+    let mut struck = vec![false; motion.q.len()];
+    for &i in &blows {
+        struck[i] = true;
+    }
+    let mut out = widened(motion, &touching, windows[0]);
+    for (out, near) in out.iter_mut().zip(widened(motion, &struck, windows[1])) {
+        *out |= near;
+    }
+    out
+}
+
+/// Where the joint turns in the outermost 4 % of its range with an acceleration that no hand has: most of it above the
+/// fit's cut-off, far over the noise there, and not small beside what the hand does.
+fn blows(motion: &Motion, low: f64, high: f64) -> Vec<usize> {
+    let (outer, inner) = (0.04 * (high - low), 0.1 * (high - low));
+    let Ok(slow) = motion.filtered(&motion.ddq) else {
+        return Vec::new();
+    };
+    let quick: Vec<f64> = motion
+        .ddq
+        .iter()
+        .zip(&slow)
+        .map(|(a, s)| (a - s).abs())
+        .collect();
+    let between = |series: &[f64], level: f64| {
+        let inside: Vec<f64> = motion
+            .q
+            .iter()
+            .zip(series)
+            .filter(|(q, _)| **q > low + inner && **q < high - inner)
+            .map(|(_, value)| value.abs())
+            .collect();
+        quantile(&inside, level)
+    };
+    let least = (9.0 * between(&quick, 0.5)).max(0.3 * between(&motion.ddq, 0.99));
+    let reach = (0.05 / motion.period).ceil() as usize;
+    let mut out = Vec::new();
+    for run in &motion.runs {
+        for i in run.start + reach + 1..run.end.saturating_sub(reach) {
+            let q = motion.q[i];
+            let outside = q < low + outer || q > high - outer;
+            let turns = motion.dq[i - 1] * motion.dq[i] <= 0.0;
+            if outside && turns && quick[i - reach..i + reach].iter().any(|a| *a > least) {
+                out.push(i);
+            }
+        }
+    }
+    out
 }
 
 /// 2 % of the fast strokes' speed, but four times the velocity noise where that is known and larger, and never more
