@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use crate::diagnose::{Confirmation, Diagnosis, Evidence, confirm, diagnose, evidence};
 use crate::dynamics::{
     DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure,
 };
-use crate::effect::RigidBody;
+use crate::effect::{Effect, RigidBody};
 use crate::lag::Lag;
 use crate::least_squares::rms;
-use crate::motion::MotionSettings;
+use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
 use crate::samples::JointSamples;
 use crate::screw::JointKind;
@@ -47,8 +48,16 @@ pub struct Analysis {
     pub q_range: [f64; 2],
     /// The paper's model.
     pub base: EffortModel,
-    /// The full model.
+    /// The paper's model and the effects that were named, without a mechanism; the verdict is about it.
+    pub named: EffortModel,
+    /// The full model: the named one, and the mechanism fitted on what is left.
     pub full: EffortModel,
+    /// What was named and what was refused; nothing when nobody looked.
+    pub diagnosis: Option<Diagnosis>,
+    /// Plots of the named effects, in their order.
+    pub evidence: Vec<Option<Evidence>>,
+    /// Errors on confirming recordings.
+    pub confirmed: Vec<Confirmation>,
     /// Lag of the effort behind the motion.
     pub lag: Option<Lag>,
     /// What a complete model would leave.
@@ -72,7 +81,7 @@ pub struct Analysis {
 /// Above so many times the floor a held-out residual counts as unexplained.
 pub const EXPLAINED_BELOW: f64 = 1.25;
 
-/// Fits the base and the full model.
+/// Fits the base, names what it lacks, and fits the full model on it.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -80,12 +89,29 @@ pub fn analyse(
     samples: &JointSamples,
     settings: &MotionSettings,
 ) -> Result<Analysis, DynamicsError> {
-    let (samples, motion, lag) = align(samples, settings, &[&RigidBody])?;
-    let base = fit_base(&motion)?;
-    let full = fit_with_mechanism(&motion, &[&RigidBody])?;
-    let floor = noise::floor(&samples, &motion, &full)?;
+    analyse_confirmed(samples, settings, &[])
+}
+
+/// As [`analyse`]; an effect must hold on each of `others` (file name, samples of the same joint) too.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn analyse_confirmed(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    others: &[(String, JointSamples)],
+) -> Result<Analysis, DynamicsError> {
+    let mut diagnosis = diagnose(samples, settings)?;
+    let confirmed = confirm(&mut diagnosis, others, settings)?;
+    let lag = aligned(&mut diagnosis, settings)?;
+    let base = fit_base(&diagnosis.motion)?;
+    let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
+    let named = diagnosis.model.clone();
+    let full = with_mechanism(motion, &diagnosis)?;
+    let floor = noise::floor(samples, motion, &full)?;
     let tau = motion.regressor(&motion.tau)?;
-    let (verdict, unexplained_fraction) = judge(&full, floor.rms, rms(&tau));
+    let (verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
+    let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
     let (low, high) = samples.q_range();
     let at =
         |series: &[f64], step: usize| series.iter().step_by(step).copied().collect::<Vec<f64>>();
@@ -93,7 +119,7 @@ pub fn analyse(
     Ok(Analysis {
         kind: samples.kind,
         q_range: [low, high],
-        structure: structure(&motion, &full.residual, full.effective_samples),
+        structure: structure(motion, &named.residual, named.effective_samples),
         lag,
         verdict,
         unexplained_fraction,
@@ -112,9 +138,61 @@ pub fn analyse(
             tau,
         },
         base,
+        named,
         full,
         floor,
+        evidence,
+        confirmed,
+        diagnosis: Some(diagnosis),
     })
+}
+
+/// Takes out a lag that was too small to be named.
+fn aligned(
+    diagnosis: &mut Diagnosis,
+    settings: &MotionSettings,
+) -> Result<Option<Lag>, DynamicsError> {
+    let found = diagnosis.found();
+    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
+    effects.extend(found.iter().map(|found| found as &dyn Effect));
+    let (samples, motion, lag) = align(&diagnosis.samples, settings, &effects)?;
+    if lag.is_some_and(|lag| lag.applied) {
+        (diagnosis.samples, diagnosis.motion) = (samples, motion);
+        diagnosis.refit()?;
+    }
+    let named = diagnosis.lag_s.unwrap_or(0.0);
+    Ok(lag.map(|lag| match (lag.applied, named == 0.0) {
+        (false, true) => lag,
+        (applied, _) => Lag {
+            value_s: named + if applied { lag.value_s } else { 0.0 },
+            applied: true,
+            ..lag
+        },
+    }))
+}
+
+/// I, mu, b and the mechanism on what the named effects leave; predictions are of the whole effort.
+fn with_mechanism(motion: &Motion, diagnosis: &Diagnosis) -> Result<EffortModel, DynamicsError> {
+    let mut rest = motion.clone();
+    let mut theta = diagnosis.model.theta.iter().skip(3);
+    let mut known = vec![0.0; motion.tau.len()];
+    for found in diagnosis.found() {
+        for (series, theta) in found.series(motion).iter().zip(&mut theta) {
+            for (known, value) in known.iter_mut().zip(series) {
+                *known += theta * value;
+            }
+        }
+    }
+    for (tau, known) in rest.tau.iter_mut().zip(&known) {
+        *tau -= known;
+    }
+    let mut model = fit_with_mechanism(&rest, &[&RigidBody])?;
+    for (predicted, known) in model.predicted.iter_mut().zip(motion.regressor(&known)?) {
+        *predicted += known;
+    }
+    let effort = rms(&motion.regressor(&motion.tau)?);
+    model.relative_error = model.rms / effort.max(f64::MIN_POSITIVE);
+    Ok(model)
 }
 
 /// Verdict and unexplained share of a model.

@@ -7,6 +7,7 @@
 //! ones. What fits nearly as well is named beside it, and what helped but was turned down is listed with the reason.
 
 mod confirm;
+mod evidence;
 mod model;
 mod null;
 mod scan;
@@ -14,5 +15,6 @@ mod score;
 mod search;
 
 pub use confirm::{Confirmation, confirm};
+pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose};

@@ -4,13 +4,14 @@ use ft_recording::{Recording, TopicMap};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
-use crate::analysis::{Analysis, analyse};
+use crate::analysis::{Analysis, analyse_confirmed};
 use crate::effort::{JointEffort, joint_effort, kinematic_track};
 use crate::error::IdentifyError;
 use crate::grasp::{Grasp, GraspSource};
 use crate::joint_graph::{RefinedJoint, refine};
 use crate::motion::MotionSettings;
 use crate::payload::{Payload, PayloadError, PayloadSource};
+use crate::report::effects::TwinEffect;
 use crate::report::{Input, Joint, Report};
 use crate::samples::JointSamples;
 use crate::screw::{Candidates, ScrewAxis, select};
@@ -64,9 +65,50 @@ pub fn identify_recording(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
+    identify_confirmed(path, &[], map, settings, progress)
+}
+
+/// As [`identify_recording`]; what the model lacks must be there in each of `confirm` too.
+///
+/// # Errors
+/// [`IdentifyError`].
+pub fn identify_confirmed(
+    path: &Path,
+    confirm: &[PathBuf],
+    map: &TopicMap,
+    settings: &MotionSettings,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<Identified, IdentifyError> {
     let recording = Recording::load(path, map)?;
+    let mut others = Vec::new();
+    for other in confirm {
+        let samples = joint_samples(&Recording::load(other, map)?, settings)?;
+        others.push((file_name(other), samples));
+    }
     progress(Stage::Read);
-    identify_loaded(&recording, settings, progress)
+    identify_with(&recording, &others, settings, progress)
+}
+
+/// Joint coordinate and effort of a recording, each by its own joint.
+fn joint_samples(
+    recording: &Recording,
+    settings: &MotionSettings,
+) -> Result<JointSamples, IdentifyError> {
+    let tool = ToolSamples::from_recording(recording)?;
+    let kinematics = ToolKinematics::of(&tool)?;
+    let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
+    let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
+    let joint = refine(&track, &select(&track)?);
+    let payload = payload.as_ref().ok();
+    let effort = joint_effort(
+        &tool,
+        &kinematics,
+        &grasp.held,
+        &joint,
+        payload,
+        settings.cutoff_hz,
+    )?;
+    Ok(effort.samples)
 }
 
 /// Identifies a recording that was read before.
@@ -75,6 +117,15 @@ pub fn identify_recording(
 /// As [`identify_recording`].
 pub fn identify_loaded(
     recording: &Recording,
+    settings: &MotionSettings,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<Identified, IdentifyError> {
+    identify_with(recording, &[], settings, progress)
+}
+
+fn identify_with(
+    recording: &Recording,
+    others: &[(String, JointSamples)],
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
@@ -110,7 +161,7 @@ pub fn identify_loaded(
     progress(Stage::Joint);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
     let analysis = match &payload {
-        Ok(_) => Some(analyse(&effort.samples, settings)?),
+        Ok(_) => Some(analyse_confirmed(&effort.samples, settings, others)?),
         Err(error) => {
             for name in ["inertia", "coulomb", "viscous"] {
                 report
@@ -149,6 +200,7 @@ pub fn identify_loaded(
             &analysis.full,
             provenance,
         )
+        .with_effects(TwinEffect::of(analysis))
     });
     let step = ((0.02 / tool.period) as usize).max(1);
     let path = effort.path.iter().step_by(step).copied().collect();
@@ -194,7 +246,8 @@ pub fn identified_table(
         analysis.q_range,
         &analysis.full,
         provenance,
-    );
+    )
+    .with_effects(TwinEffect::of(&analysis));
     Identified {
         report,
         twin: Some(twin),

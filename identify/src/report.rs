@@ -2,6 +2,7 @@
 //!
 //! Numbers are SI; what is not identified is `null`, also a NaN.
 
+pub mod effects;
 mod summary;
 
 pub use summary::with_std;
@@ -10,6 +11,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
 use crate::dynamics::{EffortModel, Structure, Term};
 use crate::effort::NonWork;
@@ -32,8 +34,10 @@ pub struct Report {
     pub joint: Joint,
     /// The paper's model: I, mu, b.
     pub base: Base,
-    effects: Vec<serde_json::Value>,
-    refused: Vec<serde_json::Value>,
+    /// What the model lacked, the strongest first.
+    pub effects: Vec<EffectEntry>,
+    /// What improved the fit and was turned down.
+    pub refused: Vec<RefusedEntry>,
     /// The full model.
     #[serde(rename = "final")]
     pub last: Final,
@@ -147,8 +151,10 @@ pub struct Final {
     pub condition: Option<f64>,
     /// Its rank.
     pub rank: Option<usize>,
-    /// Against what the residual stands.
+    /// Against what the residual of the named model stands.
     pub structure: Vec<Structure>,
+    /// The model of I, mu, b and the named effects alone, without the mechanism: the verdict is about it.
+    pub named: Option<NamedModel>,
 }
 
 /// The mechanism residual in numbers.
@@ -231,6 +237,7 @@ impl Report {
                 condition: None,
                 rank: None,
                 structure: Vec::new(),
+                named: None,
             },
             input,
             joint,
@@ -267,14 +274,25 @@ impl Report {
             rms: Some(full.rms),
             relative_error: Some(full.relative_error),
             held_out_rms: Some(full.held_out_rms),
-            confirm_relative_error: Vec::new(),
+            confirm_relative_error: analysis
+                .confirmed
+                .iter()
+                .map(|c| c.relative_error)
+                .collect(),
             noise_floor_rms: Some(analysis.floor.rms),
             unexplained_fraction: Some(analysis.unexplained_fraction),
             verdict: analysis.verdict,
             condition: Some(full.condition),
             rank: Some(full.rank),
             structure: analysis.structure.clone(),
+            named: Some(NamedModel {
+                rms: analysis.named.rms,
+                relative_error: analysis.named.relative_error,
+                held_out_rms: analysis.named.held_out_rms,
+            }),
         };
+        (self.effects, self.refused) = effects::entries(analysis);
+        self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
         self.mechanism = summary_of(full);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;

@@ -1,6 +1,6 @@
 //! `twin.json` (schema `ft-identify/twin/1`): the identified joint for controllers and simulators.
 //!
-//! The effort at a state is `I ddq + mu sgn(dq) + b dq + g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
+//! The effort at a state is `I ddq + mu sgn(dq) + b dq`, the added effects, and `g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
 //! [`Twin::in_frame`] and [`Twin::in_coordinate`] re-express it (the paper's twin assembly) without changing the effort.
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::dynamics::EffortModel;
 use crate::mechanism::{Domain, Mechanism, SplineMechanism};
+use crate::report::effects::TwinEffect;
 use crate::screw::{JointKind, ScrewAxis};
 use crate::spline::Basis;
 
@@ -22,8 +23,8 @@ pub struct Twin {
     pub joint: TwinJoint,
     /// I, mu, b.
     pub beta: Beta,
-    /// Added effects; none yet.
-    pub effects: Vec<serde_json::Value>,
+    /// Added effects.
+    pub effects: Vec<TwinEffect>,
     /// The mechanism, when it was fitted.
     pub mechanism: Option<TwinMechanism>,
     /// Where all this was probed.
@@ -178,6 +179,13 @@ impl Twin {
         }
     }
 
+    /// The twin with the effects that an analysis named.
+    #[must_use]
+    pub fn with_effects(mut self, effects: Vec<TwinEffect>) -> Self {
+        self.effects = effects;
+        self
+    }
+
     /// Effort that the tool must apply at a state of the twin's coordinate. Parameters that were not identified count as 0.
     #[must_use]
     pub fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
@@ -200,7 +208,9 @@ impl Twin {
                 regressor * value.unwrap_or(0.0)
             })
             .sum();
+        let effects: f64 = self.effects.iter().map(|effect| effect.effort(q, dq)).sum();
         sign * (parametric
+            + effects
             + self
                 .mechanism
                 .as_ref()
@@ -356,7 +366,8 @@ mod tests {
             analysis.q_range,
             &analysis.full,
             Provenance::default(),
-        );
+        )
+        .with_effects(TwinEffect::of(&analysis));
         (twin, analysis)
     }
 
@@ -367,7 +378,8 @@ mod tests {
         let (q, dq, ddq) = (0.4, -0.7, 1.5);
         let expected = model.theta[0] * ddq - model.theta[1]
             + model.theta[2] * dq
-            + model.mechanism.as_ref().unwrap().effort(q, dq);
+            + model.mechanism.as_ref().unwrap().effort(q, dq)
+            + twin.effects.iter().map(|e| e.effort(q, dq)).sum::<f64>();
         assert!((twin.effort(q, dq, ddq) - expected).abs() < 1e-9);
         assert!(
             (expected - (3.0 - 0.6 - 0.63 + 0.48)).abs() < 0.15,

@@ -7,11 +7,11 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use ft_identify::analysis::analyse;
+use ft_identify::analysis::analyse_confirmed;
 use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
 use ft_identify::output::write_to;
-use ft_identify::pipeline::{Identified, Stage, identified_table, identify_recording};
+use ft_identify::pipeline::{Identified, Stage, identified_table, identify_confirmed};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
 use ft_identify::table::{Recipe, TableColumns, identify_published, read_table};
@@ -66,6 +66,9 @@ struct Common {
     /// Cut-off of the zero-phase filter for effort and regressors, Hz
     #[arg(long, default_value_t = MotionSettings::default().cutoff_hz)]
     cutoff_hz: f64,
+    /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
+    #[arg(long)]
+    confirm: Vec<PathBuf>,
     /// Print report.json instead of the summary
     #[arg(long)]
     json: bool,
@@ -179,9 +182,13 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
     let map = TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?;
     let progress = Progress::start();
     let settings = settings(&arguments.common);
-    let identified = identify_recording(recording, &map, &settings, &mut |stage| {
-        progress.finished(stage)
-    })?;
+    let identified = identify_confirmed(
+        recording,
+        &arguments.common.confirm,
+        &map,
+        &settings,
+        &mut |stage| progress.finished(stage),
+    )?;
     progress.end();
     let lost = identified
         .report
@@ -218,7 +225,16 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
     });
     let analysis = match recipe {
         Some(recipe) => identify_published(&samples, &recipe)?,
-        None => analyse(&samples, &settings(&arguments.common))?,
+        None => {
+            let mut others = Vec::new();
+            for path in &arguments.common.confirm {
+                let name = path
+                    .file_name()
+                    .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+                others.push((name, read_table(path, &columns, kind)?));
+            }
+            analyse_confirmed(&samples, &settings(&arguments.common), &others)?
+        }
     };
     progress.end();
     let identified = identified_table(

@@ -54,13 +54,17 @@ pub fn confirm(
             at += 1;
             continue;
         }
-        let failed = grounds.iter().zip(&datums).find_map(|((file, _, ground), datum)| {
-            match holds(diagnosis, at, ground, *datum) {
-                Ok(None) => None,
-                Ok(Some(pair)) => Some(Ok((file, pair))),
-                Err(error) => Some(Err(error)),
-            }
-        });
+        let failed =
+            grounds
+                .iter()
+                .zip(&datums)
+                .find_map(|((file, _, ground), datum)| {
+                    match holds(diagnosis, at, ground, *datum) {
+                        Ok(None) => None,
+                        Ok(Some(pair)) => Some(Ok((file, pair))),
+                        Err(error) => Some(Err(error)),
+                    }
+                });
         if let Some(failed) = failed {
             let (file, pair) = failed?;
             let gone = diagnosis.effects.remove(at);
@@ -116,11 +120,15 @@ fn confirm_lag(
         for _ in 0..4 {
             let mut x = ground.columns(&found)?;
             x.extend(ground.columns_of(time_lag, &[])?);
-            let Some(rest) = super::score::solve(&x, &ground.y).and_then(|t| t.last().copied()) else {
+            let Some(rest) = super::score::solve(&x, &ground.y).and_then(|t| t.last().copied())
+            else {
                 break;
             };
             there += rest;
-            *ground = Ground::of(Motion::prepare(&samples.with_effort_earlier(there), settings)?)?;
+            *ground = Ground::of(Motion::prepare(
+                &samples.with_effort_earlier(there),
+                settings,
+            )?)?;
             after = fit_found(&ground.motion, &found)?.held_out_rms;
             if rest.abs() < 1e-4 {
                 break;
@@ -128,11 +136,21 @@ fn confirm_lag(
         }
         // Another recording may have another lag, but not none.
         if after >= before || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
-            failed = Some((format!("not confirmed on {file}: the lag there is {:.2} ms", 1e3 * there), [before, after]));
+            failed = Some((
+                format!(
+                    "not confirmed on {file}: the lag there is {:.2} ms",
+                    1e3 * there
+                ),
+                [before, after],
+            ));
         }
     }
     if let Some((reason, _)) = failed {
-        if let Some(at) = diagnosis.effects.iter().position(|e| e.found.kind.name == "time_lag") {
+        if let Some(at) = diagnosis
+            .effects
+            .iter()
+            .position(|e| e.found.kind.name == "time_lag")
+        {
             let gone = diagnosis.effects.remove(at);
             diagnosis.refused.push(Refused {
                 name: "time_lag",
@@ -153,7 +171,9 @@ fn confirm_lag(
 /// The effects with columns.
 fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
     let found = diagnosis.effects.iter().map(|effect| effect.found.clone());
-    found.filter(|found| found.kind.name != "time_lag").collect()
+    found
+        .filter(|found| found.kind.name != "time_lag")
+        .collect()
 }
 
 /// The pair of errors when effect `at` does not help there.
@@ -174,11 +194,23 @@ fn holds(
 
 /// Root mean square effort of effect `at` in the first recording.
 fn size_of(diagnosis: &Diagnosis, at: usize) -> Result<f64, DynamicsError> {
-    let found: Vec<Found> = diagnosis.effects[..=at].iter().map(|e| e.found.clone()).collect();
-    let found: Vec<Found> = found.into_iter().filter(|f| f.kind.name != "time_lag").collect();
+    let found: Vec<Found> = diagnosis.effects[..=at]
+        .iter()
+        .map(|e| e.found.clone())
+        .collect();
+    let found: Vec<Found> = found
+        .into_iter()
+        .filter(|f| f.kind.name != "time_lag")
+        .collect();
     let model = fit_found(&diagnosis.motion, &found)?;
-    let Some(last) = found.last() else { return Ok(0.0) };
-    contribution(&diagnosis.motion, last, &model.theta.as_slice()[model.theta.len() - last.terms().count()..])
+    let Some(last) = found.last() else {
+        return Ok(0.0);
+    };
+    contribution(
+        &diagnosis.motion,
+        last,
+        &model.theta.as_slice()[model.theta.len() - last.terms().count()..],
+    )
 }
 
 fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, DynamicsError> {
@@ -218,7 +250,10 @@ fn error_on(
     let mut anew: Vec<Vec<f64>> = Vec::new();
     let mut size = 0.0;
     for found in &found {
-        let mut there = Found { datum, ..found.clone() };
+        let mut there = Found {
+            datum,
+            ..found.clone()
+        };
         let own = found.kind.belongs == Belongs::Recording;
         if own {
             there.shape = reshaped(ground, &left, &anew, &there)?;
@@ -245,7 +280,9 @@ fn error_on(
     }
     let ys = [left.clone()];
     let problem = Problem::new(&anew, &ys, &ground.folds);
-    let error = problem.alone().map_or_else(|| rms(&left), |outcome| outcome[0].mse.sqrt());
+    let error = problem
+        .alone()
+        .map_or_else(|| rms(&left), |outcome| outcome[0].mse.sqrt());
     Ok((error, size))
 }
 
@@ -262,7 +299,10 @@ fn reshaped(
     let ys = [left.to_vec()];
     let problem = Problem::new(anew, &ys, &ground.folds);
     let cost = |shape: &[f64]| {
-        let trial = Found { shape: shape.to_vec(), ..found.clone() };
+        let trial = Found {
+            shape: shape.to_vec(),
+            ..found.clone()
+        };
         let columns: Option<Vec<Vec<f64>>> = trial
             .series(&ground.motion)
             .iter()
@@ -270,7 +310,9 @@ fn reshaped(
             .collect();
         let columns = columns.unwrap_or_default();
         let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        problem.with(&columns, 1).map_or(f64::INFINITY, |outcome| outcome[0].mse)
+        problem
+            .with(&columns, 1)
+            .map_or(f64::INFINITY, |outcome| outcome[0].mse)
     };
     let grid = (found.kind.grid)(&ground.scope());
     let costs = in_parallel(&grid, |shape| cost(shape));
@@ -283,7 +325,12 @@ fn reshaped(
 fn datum(diagnosis: &Diagnosis, ground: &Ground) -> Result<f64, DynamicsError> {
     let located = diagnosis.effects.iter().any(|effect| {
         effect.found.kind.belongs == Belongs::Object
-            && effect.found.kind.shape.iter().any(|s| s.1 == crate::effect::library::Unit::Position)
+            && effect
+                .found
+                .kind
+                .shape
+                .iter()
+                .any(|s| s.1 == crate::effect::library::Unit::Position)
     });
     if !located || diagnosis.is_table {
         return Ok(0.0);

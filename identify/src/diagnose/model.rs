@@ -105,7 +105,11 @@ impl Ground {
     }
 
     /// Filtered columns of a kind with a shape.
-    pub(super) fn columns_of(&self, kind: &Kind, shape: &[f64]) -> Result<Vec<Vec<f64>>, MotionError> {
+    pub(super) fn columns_of(
+        &self,
+        kind: &Kind,
+        shape: &[f64],
+    ) -> Result<Vec<Vec<f64>>, MotionError> {
         (kind.series)(&self.scope(), shape)
             .iter()
             .map(|series| self.motion.regressor(series))
@@ -135,7 +139,11 @@ pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
     let scope = ground.scope();
     let points: Vec<(&'static Kind, Vec<f64>)> = LIBRARY
         .into_iter()
-        .flat_map(|kind| (kind.grid)(&scope).into_iter().map(move |shape| (kind, shape)))
+        .flat_map(|kind| {
+            (kind.grid)(&scope)
+                .into_iter()
+                .map(move |shape| (kind, shape))
+        })
         .collect();
     let made = in_parallel(&points, |(kind, shape)| {
         Ok(Candidate {
@@ -173,7 +181,9 @@ pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + S
         }
     };
     let mut parts: Vec<(usize, Vec<R>)> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..threads.min(chunks.len())).map(|_| scope.spawn(work)).collect();
+        let handles: Vec<_> = (0..threads.min(chunks.len()))
+            .map(|_| scope.spawn(work))
+            .collect();
         handles
             .into_iter()
             .flat_map(|handle| match handle.join() {

@@ -39,7 +39,11 @@ pub(super) fn replicates(
         .map(|error| {
             let level = rms(&error).max(1e-12);
             let raised = (left / level).clamp(1.0, MOST_RAISED);
-            fitted.iter().zip(&error).map(|(f, e)| f + raised * e).collect()
+            fitted
+                .iter()
+                .zip(&error)
+                .map(|(f, e)| f + raised * e)
+                .collect()
         })
         .collect()
 }
@@ -104,12 +108,17 @@ fn position_noise(
     let n = motion.q.len();
     if motion.noise_of_q.is_empty() {
         let white: Vec<f64> = (0..n).map(|_| random.normal()).collect();
-        let (velocity, acceleration) = (motion.derivative(&white), motion.second_derivative(&white));
+        let (velocity, acceleration) =
+            (motion.derivative(&white), motion.second_derivative(&white));
         let effort: Vec<f64> = (0..n)
             .map(|i| theta[0] * acceleration[i] + theta[2] * velocity[i])
             .collect();
         let unit = rms(&motion.regressor(&effort)?);
-        let level = if unit > 0.0 { floor.position_rms / unit } else { 0.0 };
+        let level = if unit > 0.0 {
+            floor.position_rms / unit
+        } else {
+            0.0
+        };
         return Ok(white.into_iter().map(|w| w * level).collect());
     }
     let weights: Vec<f64> = motion.noise_of_q.iter().map(|_| random.normal()).collect();

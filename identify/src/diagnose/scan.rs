@@ -46,7 +46,9 @@ pub(super) fn look(
         return Ok(None);
     };
     let before: Vec<f64> = alone.iter().map(|outcome| outcome.mse).collect();
-    let scored = in_parallel(bank, |candidate| score_all(&problem, candidate, &before, &alone[0].blocks));
+    let scored = in_parallel(bank, |candidate| {
+        score_all(&problem, candidate, &before, &alone[0].blocks)
+    });
     let mut chance = vec![0.0_f64; efforts.len().saturating_sub(1)];
     let mut ranked: Vec<Ranked> = Vec::new();
     for (own, others) in scored.into_iter().flatten() {
@@ -84,7 +86,12 @@ fn sort(ranked: &mut [Ranked]) {
 type Scored = Option<(Option<Ranked>, Vec<f64>)>;
 
 /// A candidate on the measured effort and on the replicates.
-fn score_all(problem: &Problem<'_>, candidate: &Candidate, before: &[f64], blocks: &[f64]) -> Scored {
+fn score_all(
+    problem: &Problem<'_>,
+    candidate: &Candidate,
+    before: &[f64],
+    blocks: &[f64],
+) -> Scored {
     let (used, outcomes) = outcomes(problem, &candidate.columns, before.len())?;
     let scored = |k: usize| {
         let holds = signs_hold(candidate.kind, &used, &outcomes[k].theta);
@@ -117,11 +124,17 @@ fn outcomes(
     if let Some(found) = problem.with(&all, efforts) {
         return Some((vec![true; all.len()], found));
     }
-    (0..all.len()).rev().filter(|_| all.len() > 1).find_map(|out| {
-        let used: Vec<bool> = (0..all.len()).map(|i| i != out).collect();
-        let some: Vec<&[f64]> = (0..all.len()).filter(|i| *i != out).map(|i| all[i]).collect();
-        Some((used, problem.with(&some, efforts)?))
-    })
+    (0..all.len())
+        .rev()
+        .filter(|_| all.len() > 1)
+        .find_map(|out| {
+            let used: Vec<bool> = (0..all.len()).map(|i| i != out).collect();
+            let some: Vec<&[f64]> = (0..all.len())
+                .filter(|i| *i != out)
+                .map(|i| all[i])
+                .collect();
+            Some((used, problem.with(&some, efforts)?))
+        })
 }
 
 /// Half the number of independent samples times the log ratio of the errors, less half a log of it for each free number.
@@ -196,7 +209,9 @@ pub(super) fn minimize(
             let at = shape[k];
             let interval = match search {
                 Search::Fixed => continue,
-                Search::Way(share) => [at - narrower * share * range, at + narrower * share * range],
+                Search::Way(share) => {
+                    [at - narrower * share * range, at + narrower * share * range]
+                }
                 Search::Seconds(s) => [at - narrower * s, at + narrower * s],
                 Search::Factor(f) => {
                     let f = f.powf(narrower);

@@ -199,7 +199,11 @@ mod tests {
         let wave = |f: f64| (0..n).map(|i| (f * i as f64).sin()).collect::<Vec<f64>>();
         let x = vec![wave(0.7)];
         let missing = wave(0.31);
-        let y: Vec<f64> = x[0].iter().zip(&missing).map(|(a, b)| 2.0 * a + 0.5 * b).collect();
+        let y: Vec<f64> = x[0]
+            .iter()
+            .zip(&missing)
+            .map(|(a, b)| 2.0 * a + 0.5 * b)
+            .collect();
         let folds = ((0..n).map(|i| i / 40).collect(), 6);
         let ys = [y];
         let problem = Problem::new(&x, &ys, &folds);
@@ -213,7 +217,10 @@ mod tests {
 
     #[test]
     fn a_column_that_the_model_has_already_is_no_candidate() {
-        let x = vec![(0..100).map(f64::from).collect::<Vec<f64>>(), vec![1.0; 100]];
+        let x = vec![
+            (0..100).map(f64::from).collect::<Vec<f64>>(),
+            vec![1.0; 100],
+        ];
         let ys = [vec![1.0; 100]];
         let folds = ((0..100).map(|i| i % 4).collect(), 4);
         let again: Vec<f64> = x[0].iter().map(|v| 2.0 * v + 3.0).collect();

@@ -78,6 +78,8 @@ const AT_FLOOR: f64 = 1.03;
 const LEAST_HELPED: f64 = 0.6;
 /// Kinds of which a joint may have two.
 const TWICE: [&str; 2] = ["damping_zone", "detent"];
+/// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
+const ALIAS: [(&str, &str); 1] = [("constant_load", "asymmetric_coulomb")];
 /// Kinds that hold another one as a special case: no alternatives to it.
 const CONTAIN: [(&str, &str); 7] = [
     ("spring", "constant_load"),
@@ -168,7 +170,10 @@ impl State {
     }
 
     fn found(&self) -> Vec<Found> {
-        self.effects.iter().map(|(found, _)| found.clone()).collect()
+        self.effects
+            .iter()
+            .map(|(found, _)| found.clone())
+            .collect()
     }
 
     fn fit(&self) -> Result<EffortModel, DynamicsError> {
@@ -232,7 +237,8 @@ impl State {
         }
         if choice.is_none() {
             // What is left at the end is what was turned down for good.
-            self.refused.retain(|old| !turned_down.iter().any(|new| new.name == old.name));
+            self.refused
+                .retain(|old| !turned_down.iter().any(|new| new.name == old.name));
             self.refused.extend(turned_down);
         }
         choice.map(|entry| {
@@ -244,9 +250,14 @@ impl State {
     fn why_not(&self, entry: &Ranked, seen: &Look) -> Option<String> {
         let size = (seen.mse - entry.mse).max(0.0).sqrt();
         let floor = self.floor.rms;
-        let again = self.effects.iter().filter(|(found, _)| found.kind.name == entry.kind.name);
+        let again = self
+            .effects
+            .iter()
+            .filter(|(found, _)| found.kind.name == entry.kind.name);
         if again.count() > usize::from(TWICE.contains(&entry.kind.name)) {
-            return Some("it is in the model already, and once more makes no physical sense".to_owned());
+            return Some(
+                "it is in the model already, and once more makes no physical sense".to_owned(),
+            );
         }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
@@ -254,21 +265,35 @@ impl State {
         if entry.kind.name == "time_lag" {
             let lag = entry.theta[0];
             if lag.abs() < 1e-3 || self.lag.is_some() {
-                return Some(format!("a lag of {:.2} ms is below what is resolved", 1e3 * lag));
+                return Some(format!(
+                    "a lag of {:.2} ms is below what is resolved",
+                    1e3 * lag
+                ));
             }
         }
         if seen.mse.sqrt() < AT_FLOOR * floor {
-            return Some(format!("the residual {:.3} is at the noise floor {floor:.3}", seen.mse.sqrt()));
+            return Some(format!(
+                "the residual {:.3} is at the noise floor {floor:.3}",
+                seen.mse.sqrt()
+            ));
         }
         if size < LEAST_SIZE * floor {
-            return Some(format!("it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"));
+            return Some(format!(
+                "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
+            ));
         }
         if entry.helps < LEAST_HELPED {
-            return Some(format!("it helps in {:.0} % of the held-out blocks only", 100.0 * entry.helps));
+            return Some(format!(
+                "it helps in {:.0} % of the held-out blocks only",
+                100.0 * entry.helps
+            ));
         }
         let limit = limit(&seen.chance);
         if entry.score <= limit {
-            return Some(format!("by chance the search finds as much (score {:.1}, limit {limit:.1})", entry.score));
+            return Some(format!(
+                "by chance the search finds as much (score {:.1}, limit {limit:.1})",
+                entry.score
+            ));
         }
         None
     }
@@ -313,10 +338,18 @@ impl State {
             let efforts = [self.ground.y.clone()];
             let problem = Problem::new(&x, &efforts, &self.ground.folds);
             let found = &self.effects[i].0;
-            let shape = minimize(found.kind, &found.shape, self.ground.scope().range(), |shape| {
-                let trial = Found { shape: shape.to_vec(), ..found.clone() };
-                self.own_mse(&problem, &trial).unwrap_or(f64::INFINITY)
-            });
+            let shape = minimize(
+                found.kind,
+                &found.shape,
+                self.ground.scope().range(),
+                |shape| {
+                    let trial = Found {
+                        shape: shape.to_vec(),
+                        ..found.clone()
+                    };
+                    self.own_mse(&problem, &trial).unwrap_or(f64::INFINITY)
+                },
+            );
             self.effects[i].0.shape = shape;
         }
         Ok(())
@@ -346,7 +379,11 @@ impl State {
         for i in 0..self.effects.len().saturating_sub(1) {
             let (seen, own) = self.in_place_of(i)?;
             let Some(seen) = seen else { continue };
-            let there: Vec<&str> = self.effects.iter().map(|(found, _)| found.kind.name).collect();
+            let there: Vec<&str> = self
+                .effects
+                .iter()
+                .map(|(found, _)| found.kind.name)
+                .collect();
             let better = seen.ranked.iter().find(|entry| {
                 entry.kind.name != "time_lag"
                     && !there.contains(&entry.kind.name)
@@ -365,7 +402,9 @@ impl State {
         let x = self.without(i)?;
         let efforts = vec![self.ground.y.clone()];
         let problem = Problem::new(&x, &efforts, &self.ground.folds);
-        let own = self.own_mse(&problem, &self.effects[i].0).unwrap_or(f64::INFINITY);
+        let own = self
+            .own_mse(&problem, &self.effects[i].0)
+            .unwrap_or(f64::INFINITY);
         Ok((look(&self.ground, &self.bank, &x, &efforts)?, own))
     }
 
@@ -377,14 +416,20 @@ impl State {
                 let x = self.without(i)?;
                 let efforts = [self.ground.y.clone()];
                 let problem = Problem::new(&x, &efforts, &self.ground.folds);
-                let Some(alone) = problem.alone() else { continue };
-                let with = self.own_mse(&problem, &self.effects[i].0).unwrap_or(f64::INFINITY);
+                let Some(alone) = problem.alone() else {
+                    continue;
+                };
+                let with = self
+                    .own_mse(&problem, &self.effects[i].0)
+                    .unwrap_or(f64::INFINITY);
                 let size = (alone[0].mse - with).max(0.0).sqrt();
                 if least.as_ref().is_none_or(|old| size < old.1) {
                     least = Some((i, size, alone[0].mse, with));
                 }
             }
-            let Some((i, size, alone, with)) = least else { break };
+            let Some((i, size, alone, with)) = least else {
+                break;
+            };
             if size >= LEAST_SIZE * self.floor.rms && with < 0.97 * alone {
                 break;
             }
@@ -422,14 +467,16 @@ impl State {
                 with.push(found.clone());
                 errors.push(fit_found(motion, &with)?.held_out_rms);
             }
-            let Some(best) = (0..rest.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])) else {
+            let Some(best) = (0..rest.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))
+            else {
                 break;
             };
             let (found, p_value, ambiguous_with) = rest.remove(best);
             if errors[best] >= before {
                 self.refused.push(Refused {
                     name: found.kind.name,
-                    reason: "it does not lower the error on held-out strokes once signs are kept".to_owned(),
+                    reason: "it does not lower the error on held-out strokes once signs are kept"
+                        .to_owned(),
                     held_out_rms: [before, errors[best]],
                 });
                 continue;
@@ -445,7 +492,8 @@ impl State {
         }
         let model = fit_found(motion, &ordered)?;
         let floor = floor_of(&self.samples, motion, &model)?;
-        self.refused.retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
+        self.refused
+            .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
         if let Some((_, p_value, held_out_rms)) = self.lag {
             let Some(kind) = crate::effect::library::kind("time_lag") else {
                 unreachable!("the library has a time lag")
@@ -473,17 +521,21 @@ impl State {
     /// Effects that would do nearly as well in place of effect `i`.
     fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
         let (seen, own) = self.in_place_of(i)?;
-        let Some(seen) = seen else { return Ok(Vec::new()) };
+        let Some(seen) = seen else {
+            return Ok(Vec::new());
+        };
         let name = self.effects[i].0.kind.name;
         let gain = (seen.mse - own).max(0.0);
         Ok(seen
             .ranked
             .iter()
             .filter(|entry| entry.kind.name != name)
-            .filter(|entry| seen.mse - entry.mse >= 0.85 * gain && entry.mse <= 1.15 * own)
             .filter(|entry| {
-                !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own
+                let alias = ALIAS.contains(&(entry.kind.name, name))
+                    || ALIAS.contains(&(name, entry.kind.name));
+                seen.mse - entry.mse >= 0.85 * gain && (alias || entry.mse <= 1.15 * own)
             })
+            .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
             .map(|entry| ambiguity(entry.kind))
             .collect())
     }
@@ -509,7 +561,11 @@ fn limit(chance: &[f64]) -> f64 {
     let n = chance.len().max(1) as f64;
     let mean = chance.iter().sum::<f64>() / n;
     let spread = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / n).sqrt();
-    chance.iter().copied().fold(mean + 4.0 * spread, f64::max).max(4.0)
+    chance
+        .iter()
+        .copied()
+        .fold(mean + 4.0 * spread, f64::max)
+        .max(4.0)
 }
 
 fn p_value(entry: &Ranked, seen: &Look) -> f64 {
@@ -523,7 +579,11 @@ pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel,
     fit_parametric(motion, &effects)
 }
 
-fn floor_of(samples: &JointSamples, motion: &Motion, model: &EffortModel) -> Result<NoiseFloor, DynamicsError> {
+fn floor_of(
+    samples: &JointSamples,
+    motion: &Motion,
+    model: &EffortModel,
+) -> Result<NoiseFloor, DynamicsError> {
     let mut floor = noise::floor(samples, motion, model)?;
     let least = LEAST_FLOOR * rms(&motion.regressor(&motion.tau)?);
     floor.rms = floor.rms.max(least);

@@ -52,7 +52,11 @@ pub const ZONE: Kind = Kind {
                 if from == 0 && to == 9 {
                     continue;
                 }
-                let low = if from == 0 { -1.0 } else { f64::from(from) / 9.0 };
+                let low = if from == 0 {
+                    -1.0
+                } else {
+                    f64::from(from) / 9.0
+                };
                 let high = if to == 9 { 2.0 } else { f64::from(to) / 9.0 };
                 for direction in [-1.0, 1.0, 0.0] {
                     out.push(vec![at(low), at(high), direction]);

@@ -57,8 +57,8 @@ pub enum Unit {
     Speed,
     /// s.
     Time,
-    /// s^2.
-    TimeSquared,
+    /// rad/(N m) or m/N.
+    Compliance,
     /// No unit.
     One,
 }
@@ -79,7 +79,7 @@ impl Unit {
             Self::Position => kind.position_unit().to_owned(),
             Self::Speed => pick("rad/s", "m/s"),
             Self::Time => "s".to_owned(),
-            Self::TimeSquared => "s^2".to_owned(),
+            Self::Compliance => pick("rad/(N m)", "m/N"),
             Self::One => "1".to_owned(),
         }
     }

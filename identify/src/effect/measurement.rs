@@ -1,7 +1,8 @@
 //! Effects of the measurement: time, sensor, load, grasp.
 
-use super::library::{Belongs, Kind, Search, Unit, Variable, even, geometric};
+use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
 use crate::least_squares::Bound::{Free, NonNegative};
+use crate::least_squares::rms;
 
 /// `tau_measured(t) = tau(t - lag)`; to first order `-lag dtau/dt`. Refined by really shifting the effort.
 pub const TIME_LAG: Kind = Kind {
@@ -65,7 +66,9 @@ pub const SENSOR_DRIFT: Kind = Kind {
         let start = scope.motion.time.first().copied().unwrap_or(0.0);
         let since = scope.motion.time.iter();
         vec![
-            since.map(|t| 1.0 - (-(t - start) / shape[0]).exp()).collect(),
+            since
+                .map(|t| 1.0 - (-(t - start) / shape[0]).exp())
+                .collect(),
             scope.by_state(|_, _, _| 1.0),
         ]
     },
@@ -73,18 +76,38 @@ pub const SENSOR_DRIFT: Kind = Kind {
     separate: "free air before the grasp and after the release",
 };
 
-/// `tau = -(inertia / stiffness) d^2tau/dt^2`: pads and fingers give, so the object moves otherwise than the tool.
+/// The object stands at `q - compliance tau`: pads and fingers give. One regressor, the difference that this makes with the
+/// inertia and friction found so far; its term should be near 1.
 pub const GRASP_COMPLIANCE: Kind = Kind {
     name: "grasp_compliance",
     belongs: Belongs::Recording,
-    terms: &[("inertia_over_stiffness", Unit::TimeSquared, NonNegative)],
-    shape: &[],
+    terms: &[("share", Unit::One, NonNegative)],
+    shape: &[("compliance", Unit::Compliance, Search::Factor(1.8))],
     variable: Variable::Ddq,
-    grid: |_| vec![vec![]],
-    series: |scope, _| {
-        let bend = scope.motion.second_derivative(&scope.motion.tau);
-        vec![bend.into_iter().map(|v| -v).collect()]
+    grid: |scope| {
+        let effort = rms(&scope.motion.tau).max(1e-12);
+        geometric(0.0005, 0.04, 8)
+            .into_iter()
+            .map(|share| vec![share * scope.range() / effort])
+            .collect()
     },
+    series: |scope, shape| vec![given(scope, shape[0])],
     at: None,
     separate: "a firmer grasp, or pulling against a locked joint",
 };
+
+fn given(scope: &Scope<'_>, compliance: f64) -> Vec<f64> {
+    let motion = scope.motion;
+    let [inertia, coulomb, viscous] = scope.rigid;
+    let Ok(effort) = motion.filtered(&motion.tau) else {
+        return Vec::new();
+    };
+    let given: Vec<f64> = effort.iter().map(|tau| -compliance * tau).collect();
+    let (dq, ddq) = (motion.derivative(&given), motion.second_derivative(&given));
+    (0..given.len())
+        .map(|i| {
+            let sign = (motion.dq[i] + dq[i]).signum();
+            inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i]
+        })
+        .collect()
+}

@@ -58,6 +58,7 @@ impl Report {
                 100.0 * self.last.relative_error.unwrap_or(f64::NAN)
             );
         }
+        let _ = write!(out, "{}", self.effect_lines());
         let _ = writeln!(out, "verdict    {}", self.verdict_line());
         if let Some(lag) = self.lag.filter(|lag| lag.applied) {
             let _ = writeln!(
@@ -75,6 +76,32 @@ impl Report {
         }
         for note in &self.notes {
             let _ = writeln!(out, "note       {note}");
+        }
+        out
+    }
+
+    /// One line per added effect: error before and after.
+    fn effect_lines(&self) -> String {
+        let unit = self.joint.kind.effort_unit();
+        let mut out = String::new();
+        for effect in &self.effects {
+            let [before, after] = effect.held_out_rms;
+            let [share_before, share_after] = effect.relative.map(|share| 100.0 * share);
+            let _ = write!(
+                out,
+                "lacked     {}: {before:.3} -> {after:.3} {unit} ({share_before:.1} -> {share_after:.1} %)",
+                effect.name
+            );
+            for [before, after] in &effect.confirm_rms {
+                let _ = write!(out, ", confirmed {before:.3} -> {after:.3}");
+            }
+            if !effect.ambiguous_with.is_empty() {
+                let _ = write!(out, "; or {}", effect.ambiguous_with.join(", "));
+            }
+            out.push('\n');
+        }
+        if self.effects.is_empty() && self.last.named.is_some() {
+            let _ = writeln!(out, "lacked     nothing that the library has a name for");
         }
         out
     }
@@ -101,10 +128,22 @@ impl Report {
     #[must_use]
     pub fn verdict_line(&self) -> String {
         match self.last.verdict {
-            Verdict::Explained => "explained: what is left is at the noise floor".to_owned(),
+            Verdict::Explained if self.effects.is_empty() => {
+                "explained: I, mu, b leave the noise floor and nothing is missing".to_owned()
+            }
+            Verdict::Explained => {
+                "explained: what the named effects leave is at the noise floor".to_owned()
+            }
             Verdict::NotIdentifiable => "not identifiable: the data cannot tell".to_owned(),
             Verdict::Unexplained => {
                 let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
+                let beside = match (&self.last.named, &self.mechanism) {
+                    (Some(named), Some(mechanism)) => format!(
+                        "; named effects leave {:.3}, with a mechanism of no name {:.3}",
+                        named.held_out_rms, mechanism.held_out_rms
+                    ),
+                    _ => String::new(),
+                };
                 let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
                     Some(s) => format!(
                         "it stands most against {} ({:.0} % of it)",
@@ -114,7 +153,7 @@ impl Report {
                     None => "it stands against none of q, dq, ddq, sign, time".to_owned(),
                 };
                 format!(
-                    "unexplained: {share:.1} % of the effort is neither modelled nor noise; {against}"
+                    "unexplained: {share:.1} % of the effort is neither named nor noise; {against}{beside}"
                 )
             }
         }

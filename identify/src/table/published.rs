@@ -41,7 +41,11 @@ pub fn identify_published(
     samples: &JointSamples,
     recipe: &Recipe,
 ) -> Result<Analysis, IdentifyError> {
-    let filter = LowPass::butterworth(recipe.lowpass_order / 2, recipe.lowpass_hz, samples.rate_hz())?;
+    let filter = LowPass::butterworth(
+        recipe.lowpass_order / 2,
+        recipe.lowpass_hz,
+        samples.rate_hz(),
+    )?;
     let mut kept = FitSeries::default();
     let (mut acceleration, mut sign, mut stroke) = (Vec::new(), Vec::new(), Vec::new());
     let (low, high) = samples.q_range();
@@ -139,7 +143,11 @@ pub fn identify_published(
         kind,
         q_range: [low, high],
         base,
+        named: full.clone(),
         full,
+        diagnosis: None,
+        evidence: Vec::new(),
+        confirmed: Vec::new(),
         lag: None,
         floor,
         structure: Vec::<Structure>::new(),

@@ -1,0 +1,106 @@
+//! The residual against the variable of an effect, without it and with it.
+
+use super::model::Found;
+use super::search::NamedEffect;
+use crate::dynamics::EffortModel;
+use crate::effect::library::Variable;
+use crate::motion::{Motion, MotionError};
+
+/// Points of the evidence plot of one effect.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Evidence {
+    /// Against what.
+    pub variable: Variable,
+    /// Values of the variable, SI.
+    pub x: Vec<f64>,
+    /// Residual with all other effects, but without this one.
+    pub before: Vec<f64>,
+    /// Residual with it too.
+    pub after: Vec<f64>,
+}
+
+const POINTS: usize = 700;
+
+/// Evidence of each effect in `named` (none for a lag, which has no regressor any more).
+///
+/// # Errors
+/// When the motion cannot be filtered.
+pub fn evidence(
+    motion: &Motion,
+    model: &EffortModel,
+    named: &[NamedEffect],
+) -> Result<Vec<Option<Evidence>>, MotionError> {
+    let mut at = 3;
+    let step = motion.kept.len().div_ceil(POINTS).max(1);
+    named
+        .iter()
+        .map(|effect| {
+            if effect.found.kind.name == "time_lag" {
+                return Ok(None);
+            }
+            let own = own_effort(motion, &effect.found, model.theta.as_slice(), &mut at)?;
+            let x = motion.at_kept(&variable(motion, effect.found.kind.variable));
+            let each = |series: &[f64]| series.iter().step_by(step).map(|v| six(*v)).collect();
+            let without: Vec<f64> = model
+                .residual
+                .iter()
+                .zip(&own)
+                .map(|(r, o)| r + o)
+                .collect();
+            Ok(Some(Evidence {
+                variable: effect.found.kind.variable,
+                x: each(&x),
+                before: each(&without),
+                after: each(&model.residual),
+            }))
+        })
+        .collect()
+}
+
+fn own_effort(
+    motion: &Motion,
+    found: &Found,
+    theta: &[f64],
+    at: &mut usize,
+) -> Result<Vec<f64>, MotionError> {
+    let mut sum = vec![0.0; motion.kept.len()];
+    for series in found.series(motion) {
+        let theta = theta.get(*at).copied().unwrap_or(0.0);
+        *at += 1;
+        for (sum, value) in sum.iter_mut().zip(motion.regressor(&series)?) {
+            *sum += theta * value;
+        }
+    }
+    Ok(sum)
+}
+
+fn variable(motion: &Motion, variable: Variable) -> Vec<f64> {
+    match variable {
+        Variable::Q => motion.q.clone(),
+        Variable::Dq => motion.dq.clone(),
+        Variable::Ddq => motion.ddq.clone(),
+        Variable::Time => motion.time.clone(),
+        Variable::SinceReversal => since_reversal(motion),
+    }
+}
+
+/// Way gone since the velocity last changed its sign.
+#[must_use]
+pub fn since_reversal(motion: &Motion) -> Vec<f64> {
+    let mut out = vec![0.0; motion.q.len()];
+    for run in &motion.runs {
+        let mut turned = motion.q[run.start];
+        for i in run.clone() {
+            if i > run.start && motion.dq[i] * motion.dq[i - 1] < 0.0 {
+                turned = motion.q[i];
+            }
+            out[i] = (motion.q[i] - turned).abs();
+        }
+    }
+    out
+}
+
+/// To six digits, to keep files small.
+fn six(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(0.0)
+}

@@ -1,0 +1,234 @@
+//! The named and the refused effects as the report and the twin write them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::analysis::Analysis;
+use crate::diagnose::{Evidence, Found, NamedEffect};
+use crate::dynamics::{EffortModel, Term};
+use crate::effect::library::{Belongs, kind};
+use crate::screw::JointKind;
+
+/// An effect that was added, as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct EffectEntry {
+    /// Name from the project's vocabulary.
+    pub name: &'static str,
+    /// Terms and shape parameters.
+    pub terms: Vec<Term>,
+    /// Error on held-out strokes before and after, N m or N.
+    pub held_out_rms: [f64; 2],
+    /// The same over the effort.
+    pub relative: [f64; 2],
+    /// Error on each confirming recording before and after.
+    pub confirm_rms: Vec<[f64; 2]>,
+    /// Share of simulated recordings of the model without it in which the search found as much.
+    pub p_value: f64,
+    /// Effects that fit nearly as well.
+    pub ambiguous_with: Vec<&'static str>,
+    /// What would tell it from each of them, in their order.
+    pub told_apart_by: Vec<&'static str>,
+    /// Of the object, or of this recording.
+    pub belongs_to: &'static str,
+    /// Residual against the effect's variable, without it and with it.
+    pub evidence: Option<Evidence>,
+}
+
+/// A candidate that improved the fit and was turned down.
+#[derive(Clone, Debug, Serialize)]
+pub struct RefusedEntry {
+    /// Its name.
+    pub name: &'static str,
+    /// Why.
+    pub reason: String,
+    /// Error on held-out strokes without and with it.
+    pub held_out_rms: [f64; 2],
+}
+
+/// The model of the named effects, without a mechanism.
+#[derive(Clone, Debug, Serialize)]
+pub struct NamedModel {
+    /// Root mean square residual.
+    pub rms: f64,
+    /// Residual over effort.
+    pub relative_error: f64,
+    /// Error on held-out strokes.
+    pub held_out_rms: f64,
+}
+
+/// Everything that `effects`, `refused` and `final.named` hold.
+pub(super) fn entries(analysis: &Analysis) -> (Vec<EffectEntry>, Vec<RefusedEntry>) {
+    let Some(diagnosis) = &analysis.diagnosis else {
+        return (Vec::new(), Vec::new());
+    };
+    let effort = analysis.named.rms / analysis.named.relative_error.max(f64::MIN_POSITIVE);
+    let mut at = 3;
+    let effects = diagnosis
+        .effects
+        .iter()
+        .enumerate()
+        .map(|(i, effect)| {
+            let terms = if effect.found.kind.name == "time_lag" {
+                lag_terms(analysis)
+            } else {
+                terms_of(&effect.found, &analysis.named, analysis.kind, &mut at)
+            };
+            entry(analysis, effect, i, terms, effort)
+        })
+        .collect();
+    let refused = diagnosis
+        .refused
+        .iter()
+        .map(|refused| RefusedEntry {
+            name: refused.name,
+            reason: refused.reason.clone(),
+            held_out_rms: refused.held_out_rms,
+        })
+        .collect();
+    (effects, refused)
+}
+
+fn entry(
+    analysis: &Analysis,
+    effect: &NamedEffect,
+    index: usize,
+    terms: Vec<Term>,
+    effort: f64,
+) -> EffectEntry {
+    let confirm = analysis.confirmed.iter();
+    EffectEntry {
+        name: effect.found.kind.name,
+        terms,
+        held_out_rms: effect.held_out_rms,
+        relative: effect
+            .held_out_rms
+            .map(|rms| rms / effort.max(f64::MIN_POSITIVE)),
+        confirm_rms: confirm.filter_map(|c| c.rms.get(index).copied()).collect(),
+        p_value: effect.p_value,
+        ambiguous_with: effect.ambiguous_with.iter().map(|a| a.name).collect(),
+        told_apart_by: effect
+            .ambiguous_with
+            .iter()
+            .map(|a| a.told_apart_by)
+            .collect(),
+        belongs_to: match effect.found.kind.belongs {
+            Belongs::Object => "object",
+            Belongs::Recording => "recording",
+        },
+        evidence: analysis.evidence.get(index).cloned().flatten(),
+    }
+}
+
+fn lag_terms(analysis: &Analysis) -> Vec<Term> {
+    vec![Term {
+        name: "lag".to_owned(),
+        value: analysis.diagnosis.as_ref().and_then(|d| d.lag_s),
+        std: analysis.lag.map(|lag| lag.std_s),
+        unit: "s".to_owned(),
+    }]
+}
+
+/// Terms of one effect out of the model's, from `at` on, then its shape.
+fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize) -> Vec<Term> {
+    let mut out = Vec::new();
+    for term in found.terms() {
+        out.push(Term {
+            name: term.0.to_owned(),
+            value: model.theta.get(*at).copied(),
+            std: (*at < model.covariance.nrows())
+                .then(|| model.covariance[(*at, *at)].max(0.0).sqrt()),
+            unit: term.1.text(joint),
+        });
+        *at += 1;
+    }
+    for (shape, value) in found.kind.shape.iter().zip(&found.shape) {
+        out.push(Term {
+            name: shape.0.to_owned(),
+            value: Some(*value),
+            std: None,
+            unit: shape.1.text(joint),
+        });
+    }
+    out
+}
+
+/// An effect in a twin.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TwinEffect {
+    /// Name from the project's vocabulary.
+    pub name: String,
+    /// Name, value and unit of each linear term.
+    pub terms: Vec<TwinNumber>,
+    /// Name, value and unit of each shape parameter.
+    pub shape: Vec<TwinNumber>,
+    /// Whether the effect is a function of q and dq; others (memory, measurement) count as 0 in an evaluation.
+    pub memoryless: bool,
+}
+
+/// A number of an effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TwinNumber {
+    /// Name.
+    pub name: String,
+    /// SI.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
+}
+
+impl TwinEffect {
+    /// The object's effects of an analysis; a constant load too, as it cannot be told from one of the sensor.
+    #[must_use]
+    pub fn of(analysis: &Analysis) -> Vec<Self> {
+        let Some(diagnosis) = &analysis.diagnosis else {
+            return Vec::new();
+        };
+        let number = |name: &str, value: f64, unit: String| TwinNumber {
+            name: name.to_owned(),
+            value,
+            unit,
+        };
+        let mut theta = analysis.named.theta.iter().skip(3);
+        let mut out = Vec::new();
+        for found in diagnosis.found() {
+            let terms: Vec<TwinNumber> = found
+                .terms()
+                .zip(&mut theta)
+                .map(|(term, value)| number(term.0, *value, term.1.text(analysis.kind)))
+                .collect();
+            let shape = found.kind.shape.iter().zip(&found.shape);
+            let of_object = found.kind.belongs == Belongs::Object || found.kind.at.is_some();
+            if of_object {
+                out.push(Self {
+                    name: found.kind.name.to_owned(),
+                    terms,
+                    shape: shape
+                        .map(|(s, v)| number(s.0, *v, s.1.text(analysis.kind)))
+                        .collect(),
+                    memoryless: found.kind.at.is_some(),
+                });
+            }
+        }
+        out
+    }
+
+    /// Effort at a state of the recording's coordinate; 0 for effects with memory, which vanish in steady motion.
+    #[must_use]
+    pub fn effort(&self, q: f64, dq: f64) -> f64 {
+        let Some((kind, at)) = kind(&self.name).and_then(|kind| Some((kind, kind.at?))) else {
+            return 0.0;
+        };
+        let shape: Vec<f64> = self.shape.iter().map(|number| number.value).collect();
+        let per_term = at(&shape, q, dq);
+        let value = |name: &str| {
+            self.terms
+                .iter()
+                .find(|t| t.name == name)
+                .map_or(0.0, |t| t.value)
+        };
+        kind.terms
+            .iter()
+            .zip(per_term)
+            .map(|(term, unit)| value(term.0) * unit)
+            .sum()
+    }
+}
