@@ -151,12 +151,7 @@ impl Motion {
         }
         let period = 1.0 / work_rate;
         let range = quantile(&work.q, 0.99) - quantile(&work.q, 0.01);
-        let smallest = if samples.kind == JointKind::Revolute {
-            0.02
-        } else {
-            0.01
-        };
-        if range < smallest {
+        if range < smallest_range(samples, &work) {
             return Err(MotionError::NeverMoves {
                 range,
                 unit: samples.kind.position_unit(),
@@ -265,6 +260,24 @@ impl Motion {
             count,
         )
     }
+}
+
+/// Range below which a joint counts as standing still: fixed for a tracker, whose drift moves a joint that stands; for other
+/// sensors thirty times what changes from one sample to the next at random.
+fn smallest_range(samples: &JointSamples, work: &Work) -> f64 {
+    if !samples.noise_of_q.is_empty() {
+        return if samples.kind == JointKind::Revolute {
+            0.02
+        } else {
+            0.01
+        };
+    }
+    let bends: Vec<f64> = work
+        .q
+        .windows(4)
+        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs() / 20.0_f64.sqrt())
+        .collect();
+    (30.0 * quantile(&bends, 0.5)).max(1e-6)
 }
 
 #[derive(Default)]

@@ -116,6 +116,156 @@ fn the_published_recipe_gives_the_published_emps_parameters() {
     assert!((percent - 4.14).abs() < 0.1, "{percent} %");
 }
 
+/// Name and held-out errors of the effects found in `samples`.
+fn lacked(
+    samples: &ft_identify::samples::JointSamples,
+) -> (ft_identify::analysis::Analysis, Vec<&'static str>) {
+    let analysis = ft_identify::analysis::analyse(samples, &MotionSettings::default()).unwrap();
+    let found = analysis.diagnosis.as_ref().unwrap();
+    for effect in &found.effects {
+        println!(
+            "{} {:?} {:.4?}",
+            effect.found.kind.name, effect.found.shape, effect.held_out_rms
+        );
+    }
+    println!(
+        "named {:.2} % of the effort, floor {:.4}",
+        100.0 * analysis.named.relative_error,
+        analysis.floor.rms
+    );
+    let names = found.effects.iter().map(|e| e.found.kind.name).collect();
+    (analysis, names)
+}
+
+#[test]
+fn the_axis_of_emps_lacks_what_depends_on_its_direction() {
+    let Some(samples) = emps() else { return };
+    let (analysis, names) = lacked(&samples);
+    assert!(
+        analysis.base.relative_error > 0.06,
+        "{}",
+        analysis.base.relative_error
+    );
+    assert!(
+        analysis.named.relative_error < 0.025,
+        "{}",
+        analysis.named.relative_error
+    );
+    assert!(names[0].starts_with("asymmetric"), "{names:?}");
+}
+
+/// The tribometer: quasi-static, reversals at 0.24 mm/s under 5 N. Columns: s, uN, mm, uN (friction on the probe).
+#[test]
+fn the_tribometer_has_friction_with_memory_and_no_memoryless_effect_does_it() {
+    let Some(path) = data("tribometer_presliding/test_data_2.txt") else {
+        return;
+    };
+    let mut text = "t,q,tau\n".to_owned();
+    for line in std::fs::read_to_string(path).unwrap().lines().skip(1) {
+        let row: Vec<f64> = line
+            .split('\t')
+            .map(|cell| cell.trim().parse().unwrap())
+            .collect();
+        if row[1] > 4.5e6 {
+            text += &format!("{},{:.9},{}\n", row[0], 1e-3 * row[2], -1e-6 * row[3]);
+        }
+    }
+    let samples = table_of(&text, JointKind::Prismatic);
+    let (analysis, names) = lacked(&samples);
+    assert_eq!(names[0], "presliding");
+    let found = analysis.diagnosis.unwrap();
+    let first = &found.effects[0];
+    assert!(
+        first.ambiguous_with.is_empty(),
+        "{:?}",
+        first.ambiguous_with
+    );
+    assert!(
+        first.held_out_rms[1] < 0.25 * first.held_out_rms[0],
+        "{:?}",
+        first.held_out_rms
+    );
+    // The ramp after a reversal is about 120 um long and goes from -1 to 1 times the friction.
+    let length = 2.0 * first.found.shape[0];
+    assert!((0.7e-4..1.7e-4).contains(&length), "{length} m");
+}
+
+/// One pull of a cabinet door with a self-closing hinge: positions and forces alone. The joint is a circle through the
+/// positions; the force's tangential part times its radius is the effort.
+#[test]
+fn the_cabinet_door_has_a_load_that_depends_on_where_it_stands() {
+    for (file, rate) in [("ikea_cabinet_log.csv", 72.0), ("ikea_cabinet_2.csv", 53.0)] {
+        let Some(path) = data(&format!("hrl_pr2_door/{file}")) else {
+            return;
+        };
+        let mut reader = csv::Reader::from_path(path).unwrap();
+        let rows: Vec<[f64; 4]> = reader
+            .deserialize::<std::collections::HashMap<String, f64>>()
+            .map(|row| row.unwrap())
+            .map(|row| ["ee_x", "ee_y", "f_ati_x", "f_ati_y"].map(|name| row[name]))
+            .collect();
+        let [cx, cy, r] = circle(&rows);
+        assert!((0.28..0.33).contains(&r), "{file}: radius {r} m");
+        let angle = |row: &[f64; 4]| (row[1] - cy).atan2(row[0] - cx);
+        let wrapped = |a: f64| {
+            (a + core::f64::consts::PI).rem_euclid(core::f64::consts::TAU) - core::f64::consts::PI
+        };
+        let start = angle(&rows[0]);
+        let sense = wrapped(angle(&rows[rows.len() - 1]) - start).signum();
+        let mut text = "t,q,tau\n".to_owned();
+        for (i, row) in rows.iter().enumerate() {
+            let at = angle(row);
+            // The file has the force on the wrist; the effort is that of the tool on the door.
+            let along = -sense * (-at.sin() * row[2] + at.cos() * row[3]);
+            text += &format!(
+                "{},{},{}\n",
+                i as f64 / rate,
+                sense * wrapped(at - start),
+                along * r
+            );
+        }
+        let (analysis, names) = lacked(&table_of(&text, JointKind::Revolute));
+        assert!(
+            ["catch", "detent", "spring", "gravity"].contains(&names[0]),
+            "{file}: {names:?}"
+        );
+        let before_after = analysis.diagnosis.unwrap().effects[0].held_out_rms;
+        assert!(
+            before_after[1] < 0.4 * before_after[0],
+            "{file}: {before_after:?}"
+        );
+    }
+}
+
+/// Centre and radius of a circle through the first two columns (algebraic fit: x^2 + y^2 = 2 a x + 2 b y + c).
+fn circle(rows: &[[f64; 4]]) -> [f64; 3] {
+    let y = nalgebra::DMatrix::from_fn(
+        rows.len(),
+        3,
+        |i, j| if j < 2 { 2.0 * rows[i][j] } else { 1.0 },
+    );
+    let squares =
+        nalgebra::DVector::from_fn(rows.len(), |i, _| rows[i][0].powi(2) + rows[i][1].powi(2));
+    let fit = y.clone().svd(true, true).solve(&squares, 1e-12).unwrap();
+    [
+        fit[0],
+        fit[1],
+        (fit[2] + fit[0] * fit[0] + fit[1] * fit[1]).sqrt(),
+    ]
+}
+
+fn table_of(text: &str, kind: JointKind) -> ft_identify::samples::JointSamples {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("table.csv");
+    std::fs::write(&path, text).unwrap();
+    let columns = TableColumns {
+        time: "t".into(),
+        position: "q".into(),
+        effort: "tau".into(),
+    };
+    read_table(&path, &columns, kind).unwrap()
+}
+
 #[test]
 fn our_pipeline_agrees_with_the_published_emps_mass() {
     let Some(samples) = emps() else { return };

@@ -3,7 +3,7 @@
 use core::num::NonZero;
 
 use super::score::{Folds, solve};
-use crate::effect::library::{Kind, LIBRARY, Scope};
+use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
 use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
@@ -69,6 +69,8 @@ pub(super) struct Ground {
     pub(super) folds: Folds,
     pub(super) base: Vec<Vec<f64>>,
     pub(super) rigid: [f64; 3],
+    /// Which of the base columns a search uses: inertia and viscous friction only while their estimates are positive.
+    pub(super) active: [bool; 3],
 }
 
 impl Ground {
@@ -86,11 +88,20 @@ impl Ground {
             motion,
             base,
             rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
+            active: [true; 3],
         })
     }
 
-    /// Columns of the base and of `effects`.
+    /// Active columns of the base, and those of `effects`.
     pub(super) fn columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
+        let all = self.all_columns(effects)?;
+        let used = |j: usize| self.active.get(j).copied().unwrap_or(true);
+        let numbered = all.into_iter().enumerate();
+        Ok(numbered.filter(|(j, _)| used(*j)).map(|(_, c)| c).collect())
+    }
+
+    /// Columns of the base and of `effects`, in the order of a model's parameters.
+    pub(super) fn all_columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
         let mut out = self.base.clone();
         for effect in effects {
             for series in effect.series(&self.motion) {
@@ -199,7 +210,12 @@ pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + S
 /// Whether the estimates keep the signs that physics allows.
 pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
     let terms = kind.terms.iter().zip(used).filter(|(_, used)| **used);
-    terms
-        .zip(theta)
-        .all(|((term, _), value)| term.2 == Bound::Free || *value > 0.0)
+    terms.zip(theta).all(|((term, _), value)| match term.1 {
+        // What an effect does through the inertia and friction found cannot be a fraction of it.
+        Unit::One => SHARE.contains(value),
+        _ => term.2 == Bound::Free || *value > 0.0,
+    })
 }
+
+/// Terms without a unit scale a regressor that is complete by itself.
+const SHARE: core::ops::Range<f64> = 0.35..2.8;

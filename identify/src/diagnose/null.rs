@@ -16,7 +16,7 @@ use super::model::in_parallel;
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
 
-/// `count` efforts at the fit's samples. `theta` = estimates for the columns of base and effects; `left` = rms residual.
+/// `count` efforts at the fit's samples. `x` and `theta` = columns and estimates of base and effects; `left` = rms residual.
 pub(super) fn replicates(
     ground: &Ground,
     effects: &[Found],
@@ -94,7 +94,7 @@ fn error_of(
     let mut seen = Motion::prepare(&noisy, settings)?;
     seen.kept.clone_from(&motion.kept);
     let there = Ground::of(seen)?;
-    let predicted = combine(&there.columns(effects)?, theta);
+    let predicted = combine(&there.all_columns(effects)?, theta);
     Ok(there.y.iter().zip(&predicted).map(|(y, p)| y - p).collect())
 }
 

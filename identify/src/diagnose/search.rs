@@ -74,6 +74,9 @@ const LEAST_SIZE: f64 = 0.5;
 const LEAST_FLOOR: f64 = 1.5e-3;
 /// Held-out errors within this factor of the floor have nothing to explain.
 const AT_FLOOR: f64 = 1.03;
+/// Of the squared error before, an effect must take away a seventh: the small change that several shapes of a residual can
+/// explain names nothing.
+const MOST_LEFT: f64 = 0.85;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
 /// Kinds of which a joint may have two.
@@ -185,20 +188,19 @@ impl State {
         let found = self.found();
         let model = self.fit()?;
         self.floor = floor_of(&self.samples, &self.ground.motion, &model)?;
+        self.ground.active = [model.theta[0] > 0.0, true, model.theta[2] > 0.0];
         let x = self.ground.columns(&found)?;
         let mut efforts = vec![self.ground.y.clone()];
-        if let Some(theta) = solve(&x, &self.ground.y) {
-            efforts.extend(replicates(
-                &self.ground,
-                &found,
-                &x,
-                &theta,
-                &self.floor,
-                model.rms,
-                &self.settings,
-                REPLICATES,
-            ));
-        }
+        efforts.extend(replicates(
+            &self.ground,
+            &found,
+            &self.ground.all_columns(&found)?,
+            model.theta.as_slice(),
+            &self.floor,
+            model.rms,
+            &self.settings,
+            REPLICATES,
+        ));
         let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
             return Ok(false);
         };
@@ -232,7 +234,10 @@ impl State {
             }
             match self.why_not(entry, seen) {
                 None => choice = Some(entry.clone()),
-                Some(reason) => turned_down.push(refusal(entry, seen, reason)),
+                Some(reason) if entry.mse < 0.98 * seen.mse => {
+                    turned_down.push(refusal(entry, seen, reason));
+                }
+                Some(_) => {}
             }
         }
         if choice.is_none() {
@@ -280,6 +285,12 @@ impl State {
         if size < LEAST_SIZE * floor {
             return Some(format!(
                 "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
+            ));
+        }
+        if entry.mse > MOST_LEFT * seen.mse {
+            let share = 100.0 * (1.0 - entry.mse / seen.mse);
+            return Some(format!(
+                "it explains {share:.0} % of what is left, too little to be sure of its name"
             ));
         }
         if entry.helps < LEAST_HELPED {
@@ -430,7 +441,7 @@ impl State {
             let Some((i, size, alone, with)) = least else {
                 break;
             };
-            if size >= LEAST_SIZE * self.floor.rms && with < 0.97 * alone {
+            if size >= LEAST_SIZE * self.floor.rms && with < 0.9 * alone {
                 break;
             }
             let (gone, _) = self.effects.remove(i);

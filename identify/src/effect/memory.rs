@@ -21,7 +21,7 @@ pub const PRESLIDING: Kind = Kind {
     grid: |scope| {
         let mut out = Vec::new();
         for stiff in [0.0, 1.0] {
-            for length in geometric(0.0015, 0.12, 9) {
+            for length in geometric(0.0015, 0.5, 12) {
                 out.push(vec![length * scope.range(), stiff]);
             }
         }
