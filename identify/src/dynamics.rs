@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::effect::{Column, Effect, RigidBody};
 use crate::lag::{self, Lag};
 use crate::least_squares::{FitError, bounded_least_squares, effective_count, rms};
-use crate::mechanism::SplineMechanism;
+use crate::mechanism::{Fineness, SplineMechanism};
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::JointSamples;
 use design::Design;
@@ -132,9 +132,25 @@ pub fn fit_with_mechanism(
     effects: &[&dyn Effect],
 ) -> Result<EffortModel, DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
-    let design = Design::new(motion, effects, Some(&mechanism))?;
-    let (smoothing, held_out_rms) = design.choose_smoothing();
-    let (solution, covariance) = design.solve(&smoothing);
+    let mut design = Design::new(motion, effects, Some(&mechanism))?;
+    let (mut smoothing, mut held_out_rms) = design.choose_smoothing();
+    if design.damping_share(&smoothing) > FINER_ABOVE {
+        let fine = SplineMechanism::divided(motion, Fineness::FINE);
+        let mut fine_design = Design::new(motion, effects, Some(&fine))?;
+        let (fine_smoothing, fine_error) = fine_design.sharpen(&fine);
+        if fine_error < FINER_BELOW * held_out_rms {
+            (mechanism, design, smoothing, held_out_rms) =
+                (fine, fine_design, fine_smoothing, fine_error);
+        }
+    }
+    let (solution, mut covariance) = design.solve(&smoothing);
+    // What the fit leaves on strokes that it has not seen, over what it leaves on those it has: the part of the model's own
+    // error that the residual does not show.
+    let seen = rms((&design.tau - &design.y * &solution).as_slice());
+    covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
+        .powi(2)
+        .max(1.0);
+    let damped = design.damping_share(&smoothing) > FINER_ABOVE;
     let params = design.params;
     mechanism.set(&solution.as_slice()[params..]);
     let mut theta = solution.rows(0, params).into_owned();
@@ -145,8 +161,16 @@ pub fn fit_with_mechanism(
     let predicted = &design.y * &solution;
     let mut model = design.model(theta.as_slice(), covariance, Some(predicted), held_out_rms);
     model.mechanism = Some(mechanism);
+    if damped {
+        model.withdraw_friction();
+    }
     Ok(model)
 }
+
+/// A fine mechanism must do so much better on held-out strokes than a coarse one.
+const FINER_BELOW: f64 = 0.97;
+/// A fine mechanism is tried when the damping is at least this share of the effort.
+const FINER_ABOVE: f64 = 0.05;
 
 /// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
 /// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.
@@ -295,6 +319,27 @@ impl Design {
             predicted: predicted.as_slice().to_vec(),
             residual: residual.as_slice().to_vec(),
             not_identified,
+        }
+    }
+}
+
+impl EffortModel {
+    /// Takes back friction that a damping mechanism may stand in for: at its bound, or known to no better than a fifth.
+    fn withdraw_friction(&mut self) {
+        for term in &mut self.terms {
+            let (Some(value), Some(std)) = (term.value, term.std) else {
+                continue;
+            };
+            if !["coulomb", "viscous"].contains(&term.name.as_str()) || std < 0.2 * value {
+                continue;
+            }
+            let reason = format!(
+                "the mechanism's damping can stand in for it ({value:.3} ± {std:.3} {}); add slow and fast strokes where the \
+                 mechanism does not damp",
+                term.unit
+            );
+            (term.value, term.std) = (None, None);
+            self.not_identified.insert(term.name.clone(), reason);
         }
     }
 }

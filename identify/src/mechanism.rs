@@ -1,15 +1,16 @@
 //! The mechanism: `g(q) + c(q, |dq|) dq` with `c >= 0` for each direction, as penalized B-splines.
 //!
 //! `g` is cubic with a second-difference penalty and any sign. `c` has one surface for opening (dq > 0) and one for
-//! closing, quadratic in q and piecewise linear in sqrt(|dq|) (finer at low speeds, where a valve opens), with non-negative
-//! coefficients, so it is non-negative everywhere.
+//! closing, a tensor product over q and sqrt(|dq|) (finer at low speeds, where a valve opens), with non-negative
+//! coefficients, so it is non-negative everywhere. The effort `c dq` may bend at any speed, as behind a relief valve; over q
+//! a fine division may have edges, found by weighing the penalty anew with what was fitted.
 //! A constant part of `c` is the same as viscous friction: the smallest coefficient is moved there
 //! ([`SplineMechanism::take_common_damping`]), so that the smallest `c` is zero. Outside the domain where it was probed the
 //! curves go on at their end values and mean nothing.
 
 use nalgebra::DMatrix;
 
-use crate::least_squares::Bound;
+use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
 use crate::samples::{extrema, quantile};
 use crate::spline::Basis;
@@ -46,24 +47,56 @@ pub struct SplineMechanism {
     pub domain: Domain,
 }
 
-const LOAD_PIECES: usize = 20;
-const DAMPING_PIECES: usize = 12;
-const SPEED_PIECES: usize = 3;
+/// How finely a mechanism is divided: pieces of g over q, and of c over q and over speed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fineness {
+    /// Pieces of g over the coordinate.
+    pub load: usize,
+    /// Pieces of c over the coordinate.
+    pub damping: usize,
+    /// Pieces of c over the root of the speed.
+    pub speed: usize,
+    /// Degree of c over the coordinate.
+    pub degree: usize,
+}
+
+impl Fineness {
+    /// Smooth mechanisms, and all that a lag is looked for with.
+    pub const COARSE: Self = Self {
+        load: 20,
+        damping: 12,
+        speed: 3,
+        degree: 2,
+    };
+    /// Zones with edges, and valves that open at a pressure.
+    pub const FINE: Self = Self {
+        load: 20,
+        damping: 28,
+        speed: 7,
+        degree: 1,
+    };
+}
 
 impl SplineMechanism {
     /// A mechanism of zero effort over the domain of a motion.
     #[must_use]
     pub fn over(motion: &Motion) -> Self {
+        Self::divided(motion, Fineness::COARSE)
+    }
+
+    /// A mechanism of zero effort over the domain of a motion, divided as asked for.
+    #[must_use]
+    pub fn divided(motion: &Motion, fineness: Fineness) -> Self {
         let q = motion.at_kept(&motion.q);
         let dq = motion.at_kept(&motion.dq);
         let speed: Vec<f64> = dq.iter().map(|v| v.abs()).collect();
         let (low, high) = extrema(&q);
-        let load = Basis::new(low, high, LOAD_PIECES, 3);
-        let damping_q = Basis::new(low, high, DAMPING_PIECES, 2);
+        let load = Basis::new(low, high, fineness.load, 3);
+        let damping_q = Basis::new(low, high, fineness.damping, fineness.degree);
         let damping_speed = Basis::new(
             0.0,
             quantile(&speed, 0.999).max(1e-9).sqrt(),
-            SPEED_PIECES,
+            fineness.speed,
             1,
         );
         let zeros = vec![0.0; damping_q.len() * damping_speed.len()];
@@ -177,30 +210,74 @@ impl SplineMechanism {
     }
 
     /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c even over speed;
-    /// each (coefficients, coefficients).
+    /// each (coefficients, coefficients). With `edges` = weight of each step of c over q for opening and for closing, c is
+    /// held constant where the weights are large and may jump where they are small ([`SplineMechanism::edges`]).
     #[must_use]
-    pub fn penalties(&self) -> [DMatrix<f64>; 3] {
+    pub fn penalties(&self, edges: Option<&[Vec<f64>; 2]>) -> [DMatrix<f64>; 3] {
         let total = self.len();
         let mut load = DMatrix::zeros(total, total);
         load.view_mut((0, 0), (self.load.len(), self.load.len()))
             .copy_from(&self.load.penalty(2));
-        let (in_q, in_speed) = (self.damping_q.penalty(2), self.damping_speed.penalty(1));
+        let in_speed = if edges.is_some() {
+            // Below where valves open, oil flows in proportion to its pressure: c hardly changes at low speeds, and leaves
+            // dry friction alone.
+            let weights: Vec<f64> = (1..self.damping_speed.len())
+                .map(|j| 1.0 + (4.0 / j as f64).powi(6))
+                .collect();
+            self.damping_speed.weighted_penalty(&weights)
+        } else {
+            self.damping_speed.penalty(1)
+        };
         let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
         let one = |n: usize| DMatrix::<f64>::identity(n, n);
-        let twice = |block: DMatrix<f64>| {
+        let twice = |block: [DMatrix<f64>; 2]| {
             let mut full = DMatrix::zeros(total, total);
-            for direction in 0..2 {
+            for (direction, block) in block.into_iter().enumerate() {
                 let at = self.load.len() + direction * nq * nv;
                 full.view_mut((at, at), (nq * nv, nq * nv))
                     .copy_from(&block);
             }
             full
         };
+        let over_q = |direction: usize| {
+            let even = edges.map_or_else(
+                || self.damping_q.penalty(2),
+                |edges| self.damping_q.weighted_penalty(&edges[direction]),
+            );
+            even.kronecker(&one(nv))
+        };
+        let [speed, ridge] = if edges.is_some() {
+            [1e-3, 1e-6]
+        } else {
+            [0.03, 1e-4]
+        };
+        let over_speed = one(nq).kronecker(&in_speed) * speed + one(nq * nv) * ridge;
         [
             load,
-            twice(in_q.kronecker(&one(nv))),
-            twice(one(nq).kronecker(&in_speed) * 0.03 + one(nq * nv) * 1e-4),
+            twice([over_q(0), over_q(1)]),
+            twice([over_speed.clone(), over_speed]),
         ]
+    }
+
+    /// Weights that let the damping of `coefficients` (all, as for [`SplineMechanism::set`]) keep its edges: the inverse of the
+    /// squared step, relative to the root mean square damping, and at most 100.
+    #[must_use]
+    pub fn edges(&self, coefficients: &[f64]) -> [Vec<f64>; 2] {
+        let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
+        let damping = &coefficients[self.load.len()..];
+        let size = rms(damping).powi(2).max(f64::MIN_POSITIVE);
+        [0, 1].map(|direction| {
+            let surface = &damping[direction * nq * nv..(direction + 1) * nq * nv];
+            (0..nq - 1)
+                .map(|i| {
+                    let step = (0..nv)
+                        .map(|j| (surface[(i + 1) * nv + j] - surface[i * nv + j]).powi(2))
+                        .sum::<f64>()
+                        / nv as f64;
+                    1.0 / (0.01 + step / size)
+                })
+                .collect()
+        })
     }
 
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {

@@ -107,6 +107,19 @@ impl Basis {
         }
         difference.transpose() * difference
     }
+
+    /// `D'WD` of the first differences of the coefficients, `weights` (one less than the functions) on the diagonal of W.
+    #[must_use]
+    pub fn weighted_penalty(&self, weights: &[f64]) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(self.len(), self.len());
+        for (i, weight) in weights.iter().enumerate().take(self.len() - 1) {
+            out[(i, i)] += weight;
+            out[(i + 1, i + 1)] += weight;
+            out[(i, i + 1)] -= weight;
+            out[(i + 1, i)] -= weight;
+        }
+        out
+    }
 }
 
 #[cfg(test)]
@@ -150,5 +163,12 @@ mod tests {
         assert!((&penalty * &line).norm() < 1e-12);
         let bend = line.map(|v| v * v);
         assert!((bend.transpose() * &penalty * &bend)[0] > 1e-3);
+    }
+
+    #[test]
+    fn the_weighted_penalty_with_even_weights_is_the_plain_one_of_first_order() {
+        let basis = Basis::new(0.0, 1.0, 9, 1);
+        let even = vec![2.0; basis.len() - 1];
+        assert!((basis.weighted_penalty(&even) - basis.penalty(1) * 2.0).norm() < 1e-12);
     }
 }

@@ -50,6 +50,7 @@ impl Design {
         let mut design = Self::of_columns(columns, tau, motion.folds())?;
         if let Some(mechanism) = mechanism {
             design.add_mechanism(mechanism, &mechanism.regressor(motion)?);
+            design.set_penalties(&mechanism.penalties(None));
             design.set_threshold();
         }
         design.check()?;
@@ -107,15 +108,70 @@ impl Design {
             .columns_mut(params, mechanism.len())
             .copy_from(regressor);
         self.bounds.extend(mechanism.bounds());
-        for penalty in mechanism.penalties() {
-            let mut full = DMatrix::zeros(total, total);
-            full.view_mut((params, params), penalty.shape())
-                .copy_from(&penalty);
-            self.penalties.push(full);
-        }
         self.scale = self.scale.clone().resize_vertically(total, 1.0);
         self.threshold = DVector::zeros(total);
         (self.gram, self.right) = normal(&self.y, &self.tau);
+    }
+
+    fn set_penalties(&mut self, of_mechanism: &[DMatrix<f64>]) {
+        let (params, total) = (self.params, self.y.ncols());
+        self.penalties = of_mechanism
+            .iter()
+            .map(|penalty| {
+                let mut full = DMatrix::zeros(total, total);
+                full.view_mut((params, params), penalty.shape())
+                    .copy_from(penalty);
+                full
+            })
+            .collect();
+    }
+
+    /// Lets the damping have edges where it wants them: fits, weighs the penalty anew with the fit, and again. Gives the
+    /// smoothing with the least held-out error of those tried, and that error; the penalties stay as they were for it.
+    pub(super) fn sharpen(&mut self, mechanism: &SplineMechanism) -> ([f64; 2], f64) {
+        const STRENGTHS: [f64; 3] = [1e-3, 1e-2, 0.1];
+        let even = [0, 1].map(|_| vec![1.0; mechanism.damping_bases().0.len() - 1]);
+        let mut best: Option<([f64; 2], f64, [Vec<f64>; 2])> = None;
+        self.set_penalties(&mechanism.penalties(Some(&even)));
+        // Held together over q, no coefficient has to show itself alone.
+        self.threshold.fill(0.0);
+        let (start, _) = self.solve(&[0.01, 1.0]);
+        for strength in STRENGTHS {
+            let smoothing = [0.01, strength];
+            let mut solution = start.clone();
+            let mut edges = even.clone();
+            for _ in 0..3 {
+                edges = mechanism.edges(&solution.as_slice()[self.params..]);
+                self.set_penalties(&mechanism.penalties(Some(&edges)));
+                solution = self.solve(&smoothing).0;
+            }
+            let error = self.held_out(&smoothing);
+            if best.as_ref().is_none_or(|best| error < best.1) {
+                best = Some((smoothing, error, edges));
+            }
+        }
+        let (mut smoothing, mut error, edges) = best.unwrap_or(([0.01, 1.0], f64::INFINITY, even));
+        self.set_penalties(&mechanism.penalties(Some(&edges)));
+        let folds = self.fold_normals();
+        for load in [1e-4, 1e-3, 0.1, 1.0] {
+            let tried = [load, smoothing[1]];
+            let other = self.held_out_of(&folds, &tried);
+            if other < error {
+                (smoothing, error) = (tried, other);
+            }
+        }
+        (smoothing, error)
+    }
+
+    /// Effort of the damping over the measured effort, both as root mean squares.
+    pub(super) fn damping_share(&self, smoothing: &[f64; 2]) -> f64 {
+        let (mut solution, _) = self.solve(smoothing);
+        for j in 0..solution.len() {
+            if j < self.params || self.bounds[j] == Bound::Free {
+                solution[j] = 0.0;
+            }
+        }
+        (&self.y * solution).norm() / self.tau.norm().max(f64::MIN_POSITIVE)
     }
 
     /// The threshold from the residual of a fit without one.
@@ -202,10 +258,51 @@ impl Design {
         let effective = effective_count(residual.as_slice());
         let variance =
             residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
-        let covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
+        let mut covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
             inverse[(i, j)] / (self.scale[i] * self.scale[j]) * variance
         });
+        let wider = self.block_ratio(&inverse, &residual, &covariance);
+        for i in 0..self.params {
+            for j in 0..self.params {
+                covariance[(i, j)] *= wider[i] * wider[j];
+            }
+        }
         (solution, covariance)
+    }
+
+    /// By how much the scatter of what blocks of about a second ask for exceeds `covariance`, per parameter; at least 1. It
+    /// sees residuals that are large just where a regressor is, which their autocorrelation alone does not tell.
+    fn block_ratio(
+        &self,
+        inverse: &DMatrix<f64>,
+        residual: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Vec<f64> {
+        const BLOCK: usize = 24;
+        let rows = DMatrix::from_fn(self.params, self.y.ncols(), |i, j| {
+            inverse[(i, j)] / (self.scale[i] * self.scale[j])
+        });
+        let mut squares = vec![0.0; self.params];
+        let samples = residual.len();
+        let blocks = samples.div_ceil(BLOCK);
+        for start in (0..samples).step_by(BLOCK) {
+            let count = BLOCK.min(samples - start);
+            let asked = self
+                .y
+                .rows(start, count)
+                .tr_mul(&residual.rows(start, count));
+            for (square, step) in squares.iter_mut().zip((&rows * asked).iter()) {
+                *square += step * step;
+            }
+        }
+        let few = blocks as f64 / (blocks as f64 - self.params as f64).max(1.0);
+        (0..self.params)
+            .map(|i| {
+                (squares[i] * few / covariance[(i, i)].max(1e-300))
+                    .sqrt()
+                    .max(1.0)
+            })
+            .collect()
     }
 
     /// Sum of squared residuals with one smoothing and with all the damping that fits, asked for or not.

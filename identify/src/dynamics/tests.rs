@@ -258,3 +258,57 @@ fn the_stated_uncertainty_covers_the_truth() {
     }
     assert!(inside >= 34, "{inside} of 40 within 95 %");
 }
+
+/// A closer whose damping has an edge at 0.4 and a relief valve at 5 N m, past which a tenth builds up.
+const RELIEVED: Object = Object {
+    inertia: 3.0,
+    coulomb: 1.0,
+    viscous: 0.5,
+    mechanism: |q, dq| {
+        let oil = if q > 0.4 { 14.0 } else { 7.0 } * (-dq).max(0.0);
+        6.0 + 3.0 * q
+            - if oil > 5.0 {
+                5.0 + 0.1 * (oil - 5.0)
+            } else {
+                oil
+            }
+    },
+};
+
+#[test]
+fn a_relief_valve_and_an_edge_are_followed_and_friction_is_right_or_withdrawn() {
+    let samples = record(&RELIEVED, 60.0, [2e-5, 0.08], 4);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let model = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
+    let mechanism = model.mechanism.as_ref().unwrap();
+    assert_eq!(
+        mechanism.damping_bases().0.len(),
+        29,
+        "the fine division was worth it"
+    );
+    assert!(
+        (model.value("inertia").unwrap() / 3.0 - 1.0).abs() < 0.02,
+        "{:?}",
+        model.terms
+    );
+    for (name, truth) in [("coulomb", 1.0), ("viscous", 0.5)] {
+        match model.value(name) {
+            Some(value) => assert!(
+                (value - truth).abs() < 0.1 * truth
+                    || (value - truth).abs() < 2.5 * model.std(name).unwrap(),
+                "{:?}",
+                model.terms
+            ),
+            None => assert!(
+                model.not_identified.contains_key(name),
+                "{:?}",
+                model.not_identified
+            ),
+        }
+    }
+    assert!(
+        model.held_out_rms < 0.05 * rms(&motion.regressor(&motion.tau).unwrap()),
+        "{}",
+        model.held_out_rms
+    );
+}
