@@ -108,7 +108,8 @@ pub fn analyse_confirmed(
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
     let full = with_mechanism(motion, &diagnosis)?;
-    let floor = noise::floor(samples, motion, &full)?;
+    let mut floor = noise::floor(samples, motion, &full)?;
+    floor.rms = floor.rms.max(diagnosis.simulated_rms);
     let tau = motion.regressor(&motion.tau)?;
     let (verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;

@@ -289,6 +289,7 @@ impl Report {
                 rms: analysis.named.rms,
                 relative_error: analysis.named.relative_error,
                 held_out_rms: analysis.named.held_out_rms,
+                aliases: effects::ALIASES.to_vec(),
             }),
         };
         (self.effects, self.refused) = effects::entries(analysis);

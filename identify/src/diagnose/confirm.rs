@@ -43,7 +43,7 @@ pub fn confirm(
         let ground = Ground::of(Motion::prepare(samples, settings)?)?;
         grounds.push((file, samples, ground));
     }
-    confirm_lag(diagnosis, &mut grounds, settings)?;
+    let lags = confirm_lag(diagnosis, &mut grounds, settings)?;
     let mut at = 0;
     let mut datums: Vec<f64> = Vec::new();
     for (_, _, ground) in &grounds {
@@ -82,9 +82,15 @@ pub fn confirm(
     }
     diagnosis.refit()?;
     let mut out = Vec::new();
-    for ((file, _, ground), datum) in grounds.iter().zip(datums) {
+    for (number, ((file, _, ground), datum)) in grounds.iter().zip(datums).enumerate() {
         let mut pairs = Vec::new();
         for count in 0..diagnosis.effects.len() {
+            if let (Some(pair), "time_lag") =
+                (lags.get(number), diagnosis.effects[count].found.kind.name)
+            {
+                pairs.push(*pair);
+                continue;
+            }
             pairs.push([
                 error_on(diagnosis, count, ground, datum)?.0,
                 error_on(diagnosis, count + 1, ground, datum)?.0,
@@ -107,10 +113,11 @@ fn confirm_lag(
     diagnosis: &mut Diagnosis,
     grounds: &mut Others<'_>,
     settings: &MotionSettings,
-) -> Result<(), DynamicsError> {
+) -> Result<Vec<[f64; 2]>, DynamicsError> {
     let (Some(lag), Some(time_lag)) = (diagnosis.lag_s, kind("time_lag")) else {
-        return Ok(());
+        return Ok(Vec::new());
     };
+    let mut pairs = Vec::new();
     let mut failed = None;
     for (file, samples, ground) in grounds.iter_mut() {
         let found = objects(diagnosis);
@@ -134,6 +141,7 @@ fn confirm_lag(
                 break;
             }
         }
+        pairs.push([before, after]);
         // Another recording may have another lag, but not none.
         if after >= before || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
             failed = Some((
@@ -165,7 +173,7 @@ fn confirm_lag(
             *ground = Ground::of(Motion::prepare(samples, settings)?)?;
         }
     }
-    Ok(())
+    Ok(pairs)
 }
 
 /// The effects with columns.

@@ -16,7 +16,7 @@ use super::model::in_parallel;
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
 
-/// `count` efforts at the fit's samples. `x` and `theta` = columns and estimates of base and effects; `left` = rms residual.
+/// `count` efforts at the fit's samples, and the rms of their errors before it is raised. `x` and `theta` = columns and estimates of base and effects; `left` = rms residual.
 pub(super) fn replicates(
     ground: &Ground,
     effects: &[Found],
@@ -26,26 +26,25 @@ pub(super) fn replicates(
     left: f64,
     settings: &MotionSettings,
     count: usize,
-) -> Vec<Vec<f64>> {
+) -> (Vec<Vec<f64>>, f64) {
     let fitted = combine(x, theta);
     let raw = raw_effort(ground, effects, theta);
     let seeds: Vec<u64> = (0..count as u64).collect();
     let errors: Vec<Option<Vec<f64>>> = in_parallel(&seeds, |seed| {
         error_of(ground, effects, theta, &raw, floor, settings, *seed).ok()
     });
-    errors
-        .into_iter()
-        .flatten()
+    let errors: Vec<Vec<f64>> = errors.into_iter().flatten().collect();
+    let squares: f64 = errors.iter().map(|error| rms(error).powi(2)).sum();
+    let usual = (squares / errors.len().max(1) as f64).sqrt();
+    let raised = (left / usual.max(1e-12)).clamp(1.0, MOST_RAISED);
+    let efforts = errors
+        .iter()
         .map(|error| {
-            let level = rms(&error).max(1e-12);
-            let raised = (left / level).clamp(1.0, MOST_RAISED);
-            fitted
-                .iter()
-                .zip(&error)
-                .map(|(f, e)| f + raised * e)
-                .collect()
+            let both = fitted.iter().zip(error);
+            both.map(|(f, e)| f + raised * e).collect()
         })
-        .collect()
+        .collect();
+    (efforts, usual)
 }
 
 fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {

@@ -62,6 +62,8 @@ pub struct Diagnosis {
     pub motion: Motion,
     /// The samples it comes from.
     pub samples: JointSamples,
+    /// What simulated recordings of the model leave, with the sensors' noise, rms: the floor with the errors of processing.
+    pub simulated_rms: f64,
     /// Whether the coordinate's zero is that of the file, as in tables, and not that of the grasp.
     pub is_table: bool,
 }
@@ -72,17 +74,25 @@ const MOST_EFFECTS: usize = 6;
 const LEAST_SIZE: f64 = 0.5;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
+/// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
+const MOST_ABOVE: f64 = 1.25;
 /// Held-out errors within this factor of the floor have nothing to explain.
 const AT_FLOOR: f64 = 1.03;
-/// Of the squared error before, an effect must take away a seventh: the small change that several shapes of a residual can
-/// explain names nothing.
-const MOST_LEFT: f64 = 0.85;
+/// Of the squared error before, an effect must take away three tenths: a small change that several shapes of a residual can
+/// explain names nothing while much is left.
+const MOST_LEFT: f64 = 0.7;
+/// When it brings the error near the floor, a seventh is enough.
+const MOST_LEFT_NEAR: f64 = 0.85;
+const NEAR_FLOOR: f64 = 1.5;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
 /// Kinds of which a joint may have two.
 const TWICE: [&str; 2] = ["damping_zone", "detent"];
 /// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
-const ALIAS: [(&str, &str); 1] = [("constant_load", "asymmetric_coulomb")];
+const ALIAS: [(&str, &str); 2] = [
+    ("constant_load", "asymmetric_coulomb"),
+    ("grasp_compliance", "backlash"),
+];
 /// Kinds that hold another one as a special case: no alternatives to it.
 const CONTAIN: [(&str, &str); 7] = [
     ("spring", "constant_load"),
@@ -147,10 +157,13 @@ struct State {
     ground: Ground,
     bank: Vec<Candidate>,
     effects: Vec<(Found, f64)>,
-    lag: Option<(f64, f64, [f64; 2])>,
+    /// The lag taken out, s, and its p-value.
+    lag: Option<(f64, f64)>,
     refused: Vec<Refused>,
     given_up: Vec<&'static str>,
     floor: NoiseFloor,
+    /// Error that simulated recordings of the model have, rms.
+    level: f64,
 }
 
 impl State {
@@ -169,6 +182,7 @@ impl State {
             refused: Vec::new(),
             given_up: Vec::new(),
             floor,
+            level: 0.0,
         })
     }
 
@@ -191,7 +205,7 @@ impl State {
         self.ground.active = [model.theta[0] > 0.0, true, model.theta[2] > 0.0];
         let x = self.ground.columns(&found)?;
         let mut efforts = vec![self.ground.y.clone()];
-        efforts.extend(replicates(
+        let (simulated, level) = replicates(
             &self.ground,
             &found,
             &self.ground.all_columns(&found)?,
@@ -200,7 +214,10 @@ impl State {
             model.rms,
             &self.settings,
             REPLICATES,
-        ));
+        );
+        efforts.extend(simulated);
+        self.level = level.min(MOST_ABOVE * self.floor.rms);
+        self.floor.rms = self.floor.rms.max(self.level);
         let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
             return Ok(false);
         };
@@ -208,9 +225,8 @@ impl State {
         let Some((choice, p_value)) = choice else {
             return Ok(false);
         };
-        let before = seen.mse.sqrt();
         if choice.kind.name == "time_lag" {
-            self.take_lag(&choice, p_value, before)?;
+            self.take_lag(&choice, p_value)?;
         } else {
             self.effects.push((choice.found(&self.ground), p_value));
             self.refine_all()?;
@@ -287,10 +303,13 @@ impl State {
                 "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
             ));
         }
-        if entry.mse > MOST_LEFT * seen.mse {
+        let near = entry.mse.sqrt() < NEAR_FLOOR * floor;
+        let most = if near { MOST_LEFT_NEAR } else { MOST_LEFT };
+        if entry.mse > most * seen.mse {
             let share = 100.0 * (1.0 - entry.mse / seen.mse);
             return Some(format!(
-                "it explains {share:.0} % of what is left, too little to be sure of its name"
+                "it explains {share:.0} % of what is left and leaves {:.1} noise floors: too little to be sure of its name",
+                entry.mse.sqrt() / floor
             ));
         }
         if entry.helps < LEAST_HELPED {
@@ -310,7 +329,7 @@ impl State {
     }
 
     /// Shifts the effort by the lag, again until it stays.
-    fn take_lag(&mut self, entry: &Ranked, p_value: f64, before: f64) -> Result<(), DynamicsError> {
+    fn take_lag(&mut self, entry: &Ranked, p_value: f64) -> Result<(), DynamicsError> {
         let mut lag = entry.theta[0];
         let original = self.samples.clone();
         for _ in 0..5 {
@@ -327,8 +346,7 @@ impl State {
         }
         self.shift(original.with_effort_earlier(lag))?;
         self.refine_all()?;
-        let after = self.fit()?.held_out_rms;
-        self.lag = Some((lag, p_value, [before, after]));
+        self.lag = Some((lag, p_value));
         Ok(())
     }
 
@@ -505,7 +523,11 @@ impl State {
         let floor = floor_of(&self.samples, motion, &model)?;
         self.refused
             .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
-        if let Some((_, p_value, held_out_rms)) = self.lag {
+        if let Some((lag, p_value)) = self.lag {
+            // The others' errors are those with the lag taken out; its own are with all others in.
+            let late = self.samples.with_effort_earlier(-lag);
+            let before = fit_found(&Motion::prepare(&late, &self.settings)?, &ordered)?;
+            let held_out_rms = [before.held_out_rms, model.held_out_rms];
             let Some(kind) = crate::effect::library::kind("time_lag") else {
                 unreachable!("the library has a time lag")
             };
@@ -523,6 +545,7 @@ impl State {
             lag_s: self.lag.map(|lag| lag.0),
             model,
             floor,
+            simulated_rms: self.level,
             is_table: self.samples.noise_of_q.is_empty(),
             motion: self.ground.motion,
             samples: self.samples,

@@ -180,6 +180,19 @@ impl<'a> Scope<'a> {
         high - low
     }
 
+    /// What it changes of the effort, with the inertia and friction found so far, that the object is `aside` of the tool.
+    pub(super) fn moved_object(&self, aside: &[f64]) -> Vec<f64> {
+        let motion = self.motion;
+        let [inertia, coulomb, viscous] = self.rigid;
+        let (dq, ddq) = (motion.derivative(aside), motion.second_derivative(aside));
+        (0..aside.len())
+            .map(|i| {
+                let sign = (motion.dq[i] + dq[i]).signum();
+                inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i]
+            })
+            .collect()
+    }
+
     /// A regressor from the state alone.
     pub(super) fn by_state(&self, f: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
         (0..self.motion.q.len())

@@ -98,16 +98,9 @@ pub const GRASP_COMPLIANCE: Kind = Kind {
 
 fn given(scope: &Scope<'_>, compliance: f64) -> Vec<f64> {
     let motion = scope.motion;
-    let [inertia, coulomb, viscous] = scope.rigid;
     let Ok(effort) = motion.filtered(&motion.tau) else {
         return Vec::new();
     };
-    let given: Vec<f64> = effort.iter().map(|tau| -compliance * tau).collect();
-    let (dq, ddq) = (motion.derivative(&given), motion.second_derivative(&given));
-    (0..given.len())
-        .map(|i| {
-            let sign = (motion.dq[i] + dq[i]).signum();
-            inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i]
-        })
-        .collect()
+    let aside: Vec<f64> = effort.iter().map(|tau| -compliance * tau).collect();
+    scope.moved_object(&aside)
 }

@@ -1,8 +1,8 @@
 //! Effects with a state that the motion drives: bristles and play.
 
 use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
-use crate::filter::{first_derivative, second_derivative};
 use crate::least_squares::Bound::NonNegative;
+use crate::least_squares::rms;
 
 /// `tau = coulomb (z - sgn(dq))`, `dz/dq = (sgn(dq) - z) sgn(dq) / length` (or, `stiff` = 1, a spring that slides at `length`):
 /// friction that builds up over a way after each reversal. No function of q and dq can be this.
@@ -59,8 +59,9 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
     out
 }
 
-/// `tau(q) -> tau(play(q))`: the tool moves by `gap` at each reversal before it takes the object along. One regressor, the
-/// difference that the play makes with the inertia and friction found so far; its term should be near 1.
+/// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
+/// changes its sign, not when the motion turns. One regressor, the difference that the play makes with the inertia and
+/// friction found so far; its term should be near 1.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
@@ -68,44 +69,28 @@ pub const BACKLASH: Kind = Kind {
     shape: &[("gap", Unit::Position, Search::Factor(1.6))],
     variable: Variable::SinceReversal,
     grid: |scope| {
-        geometric(0.001, 0.03, 6)
+        geometric(0.001, 0.03, 7)
             .into_iter()
             .map(|gap| vec![gap * scope.range()])
             .collect()
     },
     series: |scope, shape| vec![played(scope, shape[0])],
     at: None,
-    separate: "quick small strokes: the force is zero within the gap",
+    separate: "quick small strokes: the force is zero within the gap, and a firmer grasp does not change it",
 };
+
+/// Share of the usual effort below which the object is taken to be between the sides.
+const BETWEEN: f64 = 0.15;
 
 fn played(scope: &Scope<'_>, gap: f64) -> Vec<f64> {
     let motion = scope.motion;
-    let [inertia, coulomb, viscous] = scope.rigid;
-    let mut out = vec![0.0; motion.q.len()];
-    for run in &motion.runs {
-        let mut object = motion.q[run.start];
-        let q: Vec<f64> = run
-            .clone()
-            .map(|i| {
-                object = object.clamp(motion.q[i] - gap / 2.0, motion.q[i] + gap / 2.0);
-                object
-            })
-            .collect();
-        let (dq, ddq) = (
-            first_derivative(&q, motion.period),
-            second_derivative(&q, motion.period),
-        );
-        for (k, i) in run.clone().enumerate() {
-            // No force passes while the object lags within the gap, so its friction is not felt either.
-            let carried = if dq[k].abs() < 1e-3 * motion.dq[i].abs() {
-                0.0
-            } else {
-                dq[k].signum()
-            };
-            out[i] = inertia * (ddq[k] - motion.ddq[i])
-                + coulomb * (carried - motion.sign[i])
-                + viscous * (dq[k] - motion.dq[i]);
-        }
-    }
-    out
+    let Ok(effort) = motion.filtered(&motion.tau) else {
+        return Vec::new();
+    };
+    let level = (BETWEEN * rms(&effort)).max(1e-12);
+    let aside: Vec<f64> = effort
+        .iter()
+        .map(|tau| -0.5 * gap * (tau / level).tanh())
+        .collect();
+    scope.moved_object(&aside)
 }

@@ -53,7 +53,27 @@ pub struct NamedModel {
     pub relative_error: f64,
     /// Error on held-out strokes.
     pub held_out_rms: f64,
+    /// Effects that hide in a parameter.
+    pub aliases: Vec<Alias>,
 }
+
+/// An effect that a parameter holds unseen, whatever the motion.
+#[derive(Clone, Debug, Serialize)]
+pub struct Alias {
+    /// The parameter.
+    pub term: &'static str,
+    /// The effect.
+    pub effect: &'static str,
+    /// What would tell them apart.
+    pub told_apart_by: &'static str,
+}
+
+/// An error of the tool's mass adds to the inertia of every object, exactly.
+pub(super) const ALIASES: [Alias; 1] = [Alias {
+    term: "inertia",
+    effect: "tool_mass",
+    told_apart_by: "shaking the tool in free air with everything on it that it has in contact",
+}];
 
 /// Everything that `effects`, `refused` and `final.named` hold.
 pub(super) fn entries(analysis: &Analysis) -> (Vec<EffectEntry>, Vec<RefusedEntry>) {
