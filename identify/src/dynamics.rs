@@ -324,6 +324,23 @@ impl Design {
 }
 
 impl EffortModel {
+    /// Adds what a relative standard deviation `lever` of the lever does to inertia and friction: the effort is the force times
+    /// the lever, and the angle a path over it.
+    pub fn widen_for_lever(&mut self, lever: f64) {
+        for (name, power) in [("inertia", 2.0), ("coulomb", 1.0), ("viscous", 2.0)] {
+            for (i, term) in self
+                .terms
+                .iter_mut()
+                .enumerate()
+                .filter(|(_, term)| term.name == name)
+            {
+                let extra = power * lever * self.theta[i];
+                self.covariance[(i, i)] += extra * extra;
+                term.std = term.std.map(|std| std.hypot(extra));
+            }
+        }
+    }
+
     /// Takes back friction that a damping mechanism may stand in for: at its bound, or known to no better than a fifth.
     fn withdraw_friction(&mut self) {
         for term in &mut self.terms {

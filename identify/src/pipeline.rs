@@ -14,7 +14,7 @@ use crate::payload::{Payload, PayloadError, PayloadSource};
 use crate::report::effects::TwinEffect;
 use crate::report::{Input, Joint, Report};
 use crate::samples::JointSamples;
-use crate::screw::{Candidates, ScrewAxis, select};
+use crate::screw::{Candidates, JointKind, ScrewAxis, select};
 use crate::tool::{ToolKinematics, ToolSamples};
 use crate::twin::{Provenance, Source, Twin};
 
@@ -160,7 +160,7 @@ fn identify_with(
     }
     progress(Stage::Joint);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
-    let analysis = match &payload {
+    let mut analysis = match &payload {
         Ok(_) => Some(analyse_confirmed(&effort.samples, settings, others)?),
         Err(error) => {
             for name in ["inertia", "coulomb", "viscous"] {
@@ -171,6 +171,13 @@ fn identify_with(
             None
         }
     };
+    if let (Some(analysis), JointKind::Revolute) = (&mut analysis, joint.axis.kind) {
+        // Half of the axis's variance lies along the lever.
+        let lever = joint.axis.distance(&joint.tool_position).max(1e-3);
+        analysis
+            .full
+            .widen_for_lever(joint.position_std / core::f64::consts::SQRT_2 / lever);
+    }
     if let Ok(payload) = payload {
         note_payload(&mut report, &payload);
         report.nonwork = Some(effort.nonwork);
