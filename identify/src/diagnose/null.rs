@@ -6,6 +6,7 @@
 //! reversals and of everything that depends on them is in it.
 
 use super::model::{Found, Ground};
+use crate::dynamics::EffortModel;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
@@ -16,18 +17,18 @@ use super::model::in_parallel;
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
 
-/// `count` efforts at the fit's samples, and the rms of their errors before it is raised. `x` and `theta` = columns and estimates of base and effects; `left` = rms residual.
+/// `count` efforts at the fit's samples as `model` (of base and `effects`) would give them, and the rms of their errors
+/// before it is raised.
 pub(super) fn replicates(
     ground: &Ground,
     effects: &[Found],
-    x: &[Vec<f64>],
-    theta: &[f64],
+    model: &EffortModel,
     floor: &NoiseFloor,
-    left: f64,
     settings: &MotionSettings,
     count: usize,
-) -> (Vec<Vec<f64>>, f64) {
-    let fitted = combine(x, theta);
+) -> Result<(Vec<Vec<f64>>, f64), MotionError> {
+    let theta = model.theta.as_slice();
+    let fitted = combine(&ground.all_columns(effects)?, theta);
     let raw = raw_effort(ground, effects, theta);
     let seeds: Vec<u64> = (0..count as u64).collect();
     let errors: Vec<Option<Vec<f64>>> = in_parallel(&seeds, |seed| {
@@ -36,7 +37,7 @@ pub(super) fn replicates(
     let errors: Vec<Vec<f64>> = errors.into_iter().flatten().collect();
     let squares: f64 = errors.iter().map(|error| rms(error).powi(2)).sum();
     let usual = (squares / errors.len().max(1) as f64).sqrt();
-    let raised = (left / usual.max(1e-12)).clamp(1.0, MOST_RAISED);
+    let raised = (model.rms / usual.max(1e-12)).clamp(1.0, MOST_RAISED);
     let efforts = errors
         .iter()
         .map(|error| {
@@ -44,7 +45,7 @@ pub(super) fn replicates(
             both.map(|(f, e)| f + raised * e).collect()
         })
         .collect();
-    (efforts, usual)
+    Ok((efforts, usual))
 }
 
 fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {

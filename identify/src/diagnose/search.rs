@@ -208,13 +208,11 @@ impl State {
         let (simulated, level) = replicates(
             &self.ground,
             &found,
-            &self.ground.all_columns(&found)?,
-            model.theta.as_slice(),
+            &model,
             &self.floor,
-            model.rms,
             &self.settings,
             REPLICATES,
-        );
+        )?;
         efforts.extend(simulated);
         self.level = level.min(MOST_ABOVE * self.floor.rms);
         self.floor.rms = self.floor.rms.max(self.level);

@@ -103,6 +103,9 @@ pub type Shape = (&'static str, Unit, Search);
 /// A linear term: name, unit, sign.
 pub type TermOf = (&'static str, Unit, Bound);
 
+/// Regressors from shape, q and dq.
+pub type AtState = fn(&[f64], f64, f64) -> Vec<f64>;
+
 /// One effect of the library.
 #[derive(Clone, Copy)]
 pub struct Kind {
@@ -121,7 +124,7 @@ pub struct Kind {
     /// Regressors at the work rate, before the filter.
     pub series: fn(&Scope<'_>, &[f64]) -> Vec<Vec<f64>>,
     /// Regressors at a state (shape, q, dq), for twins; nothing for effects with memory and of the measurement.
-    pub at: Option<fn(&[f64], f64, f64) -> Vec<f64>>,
+    pub at: Option<AtState>,
     /// What would tell it from those that look alike.
     pub separate: &'static str,
 }
