@@ -1,7 +1,7 @@
 //! One device's channel: stamps what the driver delivers on the host clock and hands it on.
 //!
-//! This runs in the acquisition thread: it neither allocates nor locks nor waits per frame. Two exceptions allocate,
-//! both rare: device events (text), and the first frame (buffers grow).
+//! This runs in the acquisition thread: it neither allocates nor waits per frame. Two exceptions allocate, both rare: device
+//! events (text), and the first frame (buffers grow).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,11 +62,6 @@ impl<I: Intake> Channel<I> {
         }
     }
 
-    /// Where the items go.
-    pub fn intake(&mut self) -> &mut I {
-        &mut self.intake
-    }
-
     /// The device or its link was restarted: its clock begins anew.
     pub fn restart_clock(&mut self) {
         self.translator.reset();
@@ -98,9 +93,13 @@ impl<I: Intake> Channel<I> {
     }
 
     /// A loss counts once, and only when samples flowed.
-    fn count_interruption(&mut self, event: &DeviceEvent) {
+    fn take_state(&mut self, event: &DeviceEvent) {
         match event {
-            DeviceEvent::Streaming => self.delivers = true,
+            DeviceEvent::Streaming => {
+                self.delivers = true;
+                // Its clock may have stood still, or begun anew.
+                self.translator.reset();
+            }
             DeviceEvent::Lost { .. } if std::mem::take(&mut self.delivers) => {
                 self.counters.add_interruption()
             }
@@ -142,7 +141,7 @@ impl<I: Intake, F: RawFrame> Outlet<F> for Channel<I> {
                 self.put(reading.at.arrival, at, Body::Pose(reading));
             }
             Reading::Event { at, event } => {
-                self.count_interruption(&event);
+                self.take_state(&event);
                 self.put(at, at, Body::Event(event));
             }
             _ => {}

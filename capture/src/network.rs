@@ -20,8 +20,7 @@ pub struct Opened {
 
 /// Opens the capture service's session.
 ///
-/// With neither `listen` nor `connect`, it listens on [`DEFAULT_ENDPOINT`]; where that port is taken (a router runs
-/// there), it joins what is there.
+/// With neither `listen` nor `connect`, it listens on [`DEFAULT_ENDPOINT`]. It never joins what it was not told to join.
 ///
 /// # Errors
 /// An endpoint is malformed, or its port cannot be opened or reached.
@@ -52,20 +51,17 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
             how: format!("zenoh {}", how.join(", ")),
         });
     }
-    let default = [DEFAULT_ENDPOINT.to_owned()];
-    match start("peer", &default, &[]) {
-        Ok(session) => Ok(Opened {
-            session,
-            how: format!("zenoh on {DEFAULT_ENDPOINT} (this host only)"),
-        }),
-        Err(_) => {
-            let session = start("peer", &[], &default)?;
-            Ok(Opened {
-                session,
-                how: format!("zenoh joined what listens on {DEFAULT_ENDPOINT}"),
-            })
-        }
-    }
+    let session = start("peer", &[DEFAULT_ENDPOINT.to_owned()], &[]).map_err(|error| SinkError::Zenoh {
+        what: "listening on this host",
+        why: format!(
+            "{error}; when something else holds the port, --connect {DEFAULT_ENDPOINT} joins it and --listen \
+             tcp/127.0.0.1:7448 takes another"
+        ),
+    })?;
+    Ok(Opened {
+        session,
+        how: format!("zenoh on {DEFAULT_ENDPOINT} (this host only)"),
+    })
 }
 
 /// Opens a viewer's session: it only connects.

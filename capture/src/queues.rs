@@ -15,7 +15,7 @@ const HEALTH_CAPACITY: usize = 1_024;
 
 /// The sending ends, one copy for each acquisition thread.
 ///
-/// `try_send` on a bounded crossbeam channel allocates nothing and takes no lock but to wake a sleeping receiver.
+/// `try_send` on a bounded crossbeam channel allocates nothing; to wake a sleeping receiver it takes a lock for a moment.
 #[derive(Clone, Debug)]
 pub struct Queues {
     writer: Option<Sender<Item>>,
@@ -53,6 +53,13 @@ pub fn queues(record: bool, publish: bool) -> (Queues, QueueEnds) {
             health: health_end,
         },
     )
+}
+
+impl Queues {
+    /// There is no network side after all.
+    pub fn close_publisher(&mut self) {
+        self.publisher = None;
+    }
 }
 
 impl Intake for Queues {

@@ -90,6 +90,11 @@ pub enum SessionError {
     /// The simulation cannot be run.
     #[error("simulation: {0}")]
     Simulation(String),
+    /// The disk refused what the system had already taken.
+    #[error(
+        "the recording was written, and the disk reported an error on the way: check it with `ft-capture check`"
+    )]
+    Sync(#[source] std::io::Error),
     /// A thread could not be started.
     #[error("a thread could not be started")]
     Thread(#[source] std::io::Error),
@@ -121,14 +126,20 @@ impl Plan {
     ///
     /// # Errors
     /// The calibration makes no sense.
-    pub fn preamble(&self, start: HostTime, clock: &str) -> Result<Preamble, SessionError> {
+    pub fn preamble(
+        &self,
+        start: HostTime,
+        anchor: HostTime,
+        clock: &str,
+    ) -> Result<Preamble, SessionError> {
         let session = BTreeMap::from([
             ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
             ("id".to_owned(), self.config.id.clone()),
             ("clock".to_owned(), clock.to_owned()),
+            ("start_unix_ns".to_owned(), start.as_nanos().to_string()),
             (
                 "clock_anchor_unix_ns".to_owned(),
-                start.as_nanos().to_string(),
+                anchor.as_nanos().to_string(),
             ),
             (
                 "config".to_owned(),

@@ -8,7 +8,7 @@ use ft_drivers::{
     Device as Protocol, bota_serial, dynamixel, pose_stream, robotous_can, robotous_uart,
 };
 use ft_wire::bota_serial::BaudRate;
-use ft_wire::robotous_rft::CanIds;
+use ft_wire::robotous_rft::{CanIds, FilterSetting};
 use ft_wire::{CanFrame, Chunk};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -59,8 +59,11 @@ pub fn with_driver<U: DriverUser>(
                 first: settings.first_id,
                 second: settings.second_id,
             };
+            let sensor = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
             let config = robotous_can::Config {
-                sensor: settings.config(startup),
+                sensor,
                 ids,
                 ..Default::default()
             };
@@ -69,8 +72,11 @@ pub fn with_driver<U: DriverUser>(
         }
         Driver::RobotousUart => {
             let settings: RobotousSettings = read(device)?;
+            let sensor = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
             let config = robotous_uart::Config {
-                sensor: settings.config(startup),
+                sensor,
                 baud_bps: settings.baud_bps,
             };
             Ok(user.serial(
@@ -80,7 +86,9 @@ pub fn with_driver<U: DriverUser>(
         }
         Driver::Dynamixel => {
             let settings: DynamixelSettings = read(device)?;
-            let config = settings.config(startup);
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
             Ok(user.serial(move || dynamixel::Dynamixel::new(config), settings.baud_bps))
         }
         Driver::PoseStream => {
@@ -211,8 +219,37 @@ impl Default for RobotousSettings {
 }
 
 impl RobotousSettings {
-    fn config(&self, startup: Startup) -> robotous::Config {
-        robotous::Config {
+    fn config(&self, startup: Startup) -> Result<robotous::Config, String> {
+        if ft_wire::robotous_rft::rate_code(self.rate_hz).is_none() {
+            return Err(format!(
+                "rate_hz = {}: 10, 20, 50, 100, 200, 333, 500 or 1000",
+                self.rate_hz
+            ));
+        }
+        for (key, value) in [
+            ("force_counts_per_newton", self.force_counts_per_newton),
+            (
+                "torque_counts_per_newton_metre",
+                self.torque_counts_per_newton_metre,
+            ),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(format!(
+                    "{key} = {value}: a positive number, see the manual's table of models"
+                ));
+            }
+        }
+        if self.low_pass_hz != 0 && FilterSetting::low_pass(self.low_pass_hz).is_none() {
+            let allowed = "0 (off), 1, 2, 3, 5, 10, 20, 30, 40, 50, 100, 150, 200, 300 or 500";
+            return Err(format!("low_pass_hz = {}: {allowed}", self.low_pass_hz));
+        }
+        let ids = [self.command_id, self.first_id, self.second_id];
+        if ids.contains(&0) || ids[0] == ids[1] || ids[1] == ids[2] || ids[0] == ids[2] {
+            return Err(format!(
+                "command_id, first_id, second_id = {ids:?}: three different ids, 1 to 255"
+            ));
+        }
+        Ok(robotous::Config {
             rate_hz: self.rate_hz,
             filter: match self.low_pass_hz {
                 0 => Filter::Off,
@@ -225,7 +262,7 @@ impl RobotousSettings {
             sign: self.sign.into(),
             startup,
             ..robotous::Config::default()
-        }
+        })
     }
 }
 
@@ -249,13 +286,19 @@ impl Default for DynamixelSettings {
 }
 
 impl DynamixelSettings {
-    fn config(&self, startup: Startup) -> dynamixel::Config {
-        dynamixel::Config {
+    fn config(&self, startup: Startup) -> Result<dynamixel::Config, String> {
+        if !(1.0..=1000.0).contains(&self.rate_hz) {
+            return Err(format!("rate_hz = {}: 1 to 1000", self.rate_hz));
+        }
+        if self.id > 252 {
+            return Err(format!("id = {}: 0 to 252", self.id));
+        }
+        Ok(dynamixel::Config {
             id: self.id,
-            period: std::time::Duration::from_secs_f64(1.0 / self.rate_hz.clamp(1.0, 1000.0)),
+            period: std::time::Duration::from_secs_f64(1.0 / self.rate_hz),
             startup,
             ..dynamixel::Config::default()
-        }
+        })
     }
 }
 

@@ -52,7 +52,7 @@ impl<I: Intake> LinkThread<I> {
             };
             before = before + pump.counts();
             self.report(DeviceEvent::Lost {
-                reason: error.to_string(),
+                reason: with_cause(&error),
             });
             let Some(reopened) = self.reopen_until_stopped(&mut reopen) else {
                 return;
@@ -74,8 +74,9 @@ impl<I: Intake> LinkThread<I> {
     {
         while !self.stop.load(Ordering::Relaxed) {
             let deadline = self.clock.now() + TURN;
-            pump.turn(&self.clock, deadline, &mut self.channel)?;
+            let turned = pump.turn(&self.clock, deadline, &mut self.channel);
             self.counters.set_driver_counts(before, pump.counts());
+            turned?;
         }
         Ok(())
     }
@@ -103,5 +104,13 @@ impl<I: Intake> LinkThread<I> {
     fn report(&mut self, event: DeviceEvent) {
         let at = self.clock.now();
         Outlet::<ft_wire::Chunk>::reading(&mut self.channel, Reading::Event { at, event });
+    }
+}
+
+/// The error and what the system said.
+fn with_cause(error: &LinkError) -> String {
+    match std::error::Error::source(error) {
+        Some(cause) => format!("{error}: {cause}"),
+        None => error.to_string(),
     }
 }

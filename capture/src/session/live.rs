@@ -60,7 +60,7 @@ pub fn run(
     surroundings: &mut impl Surroundings,
 ) -> Result<Summary, SessionError> {
     let start = clock.now();
-    let (queues, ends) = queues(plan.record.is_some(), plan.publish);
+    let (mut queues, ends) = queues(plan.record.is_some(), plan.publish);
     let counters: Vec<_> = plan
         .config
         .devices
@@ -70,33 +70,14 @@ pub fn run(
     let health = health(plan, &counters);
     let stop = Arc::new(AtomicBool::new(false));
 
-    let network = plan
-        .publish
-        .then(|| Network::start(plan, clock, ends.publisher, surroundings))
-        .transpose()?;
-    let recorder = match (&plan.record, ends.writer) {
-        (Some(path), Some(items)) => {
-            let sink = McapSink::create(
-                path,
-                &plan.writer_options(),
-                &plan.preamble(start, "monotonic, anchored once")?,
-            )?;
-            Some(Recorder::start(
-                sink,
-                items,
-                clock,
-                Duration::from_millis(plan.config.recording.sync_period_ms),
-            )?)
-        }
-        _ => None,
-    };
-    let links = open_links(plan, clock, connections, &queues, &counters, &stop);
-    let links = match links {
-        Ok(links) => links,
+    let network = start_network(plan, clock, ends.publisher, &mut queues, surroundings)?;
+    let links = open_links(plan, clock, connections, &queues, &counters, &stop)?;
+    let recorder = match start_recorder(plan, clock, start, ends.writer) {
+        Ok(recorder) => recorder,
         Err(error) => {
             stop.store(true, Ordering::Relaxed);
-            drop(queues);
-            return Err(abandon(plan, recorder, error));
+            links.into_iter().for_each(|link| drop(link.join()));
+            return Err(error);
         }
     };
 
@@ -108,12 +89,19 @@ pub fn run(
         health,
         health_items: ends.health,
     };
-    operator.attend(plan, network.as_ref(), recorder.as_ref(), surroundings);
+    operator.attend(
+        plan,
+        network.as_ref(),
+        recorder.as_ref(),
+        &links,
+        surroundings,
+    );
 
     stop.store(true, Ordering::Relaxed);
-    for link in links {
-        link.join().map_err(|_| SessionError::Panicked("link"))?;
-    }
+    let panicked = links
+        .into_iter()
+        .filter_map(|link| link.join().err())
+        .count();
     operator.take_health(surroundings);
     let Operator {
         health,
@@ -127,7 +115,10 @@ pub fn run(
         .map(|recorder| recorder.finish(&ledger_metadata(&health)))
         .transpose()?;
     if let Some(network) = network {
-        network.finish()?;
+        network.finish(surroundings);
+    }
+    if panicked > 0 {
+        return Err(SessionError::Panicked("link"));
     }
     let file = finished.map(|done| FileSummary {
         path: done.path,
@@ -137,13 +128,39 @@ pub fn run(
     Ok(summarize(&health, own.snapshot(), start, end, file))
 }
 
-/// The session could not begin: the empty partial file is of no use to anyone.
-fn abandon(plan: &Plan, recorder: Option<Recorder>, error: SessionError) -> SessionError {
-    if let (Some(recorder), Some(path)) = (recorder, &plan.record) {
-        recorder.discard();
-        let _ = std::fs::remove_file(ft_recording::writer::partial_path(path));
+/// Without a network that was asked for there is no session; without the one that nobody asked for there is.
+fn start_network(
+    plan: &Plan,
+    clock: MonotonicClock,
+    items: Option<Receiver<Item>>,
+    queues: &mut Queues,
+    surroundings: &mut impl Surroundings,
+) -> Result<Option<Network>, SessionError> {
+    let Some(items) = items else { return Ok(None) };
+    match Network::start(plan, clock, items, surroundings) {
+        Ok(network) => Ok(Some(network)),
+        Err(error) if plan.config.network.asks_for_nothing() => {
+            surroundings.log(&format!("no live topics: {error}"));
+            queues.close_publisher();
+            Ok(None)
+        }
+        Err(error) => Err(error),
     }
-    error
+}
+
+fn start_recorder(
+    plan: &Plan,
+    clock: MonotonicClock,
+    start: HostTime,
+    items: Option<Receiver<Item>>,
+) -> Result<Option<Recorder>, SessionError> {
+    let (Some(path), Some(items)) = (&plan.record, items) else {
+        return Ok(None);
+    };
+    let preamble = plan.preamble(start, clock.anchor(), "monotonic, anchored once")?;
+    let sink = McapSink::create(path, &plan.writer_options(), &preamble)?;
+    let sync_period = Duration::from_millis(plan.config.recording.sync_period_ms);
+    Recorder::start(sink, items, clock, sync_period).map(Some)
 }
 
 fn open_links(
@@ -200,6 +217,7 @@ impl Operator {
         plan: &Plan,
         network: Option<&Network>,
         recorder: Option<&Recorder>,
+        links: &[JoinHandle<()>],
         surroundings: &mut impl Surroundings,
     ) {
         loop {
@@ -219,7 +237,8 @@ impl Operator {
             }
             surroundings.progress(elapsed, &self.health, bytes);
             let over = plan.duration.is_some_and(|duration| elapsed >= duration);
-            let failed = recorder.is_some_and(|recorder| recorder.thread.is_finished());
+            let failed = recorder.is_some_and(|recorder| recorder.thread.is_finished())
+                || links.iter().any(JoinHandle::is_finished);
             if stop || over || failed || surroundings.wants_end() {
                 return;
             }
@@ -282,7 +301,7 @@ impl Operator {
 #[derive(Debug)]
 struct Recorder {
     thread: JoinHandle<(McapSink, Result<(), crate::sink::SinkError>)>,
-    syncer: JoinHandle<()>,
+    syncer: JoinHandle<std::io::Result<()>>,
     end_sync: Sender<()>,
     bytes: Arc<AtomicU64>,
 }
@@ -320,17 +339,14 @@ impl Recorder {
             .join()
             .map_err(|_| SessionError::Panicked("writer"))?;
         let _ = self.end_sync.try_send(());
-        self.syncer
+        let synced = self
+            .syncer
             .join()
             .map_err(|_| SessionError::Panicked("sync"))?;
         result?;
-        Ok(sink.finish(ledger)?)
-    }
-
-    fn discard(self) {
-        let _ = self.end_sync.try_send(());
-        let _ = self.thread.join();
-        let _ = self.syncer.join();
+        let finished = sink.finish(ledger)?;
+        synced.map_err(SessionError::Sync)?;
+        Ok(finished)
     }
 }
 
@@ -367,11 +383,13 @@ fn write_until_closed(
     }
 }
 
-/// A failed sync is not reported here: the writer meets the same disk.
-fn sync_until_ended(file: &File, ended: &Receiver<()>, period: Duration) {
+/// The first failure is kept: the system reports a lost write once, and here it would be the one to hear of it.
+fn sync_until_ended(file: &File, ended: &Receiver<()>, period: Duration) -> std::io::Result<()> {
+    let mut first = Ok(());
     while ended.recv_timeout(period) == Err(RecvTimeoutError::Timeout) {
-        let _ = file.sync_data();
+        first = first.and(file.sync_data());
     }
+    first
 }
 
 /// The network side: a thread that publishes, and the commands.
@@ -379,14 +397,15 @@ fn sync_until_ended(file: &File, ended: &Receiver<()>, period: Duration) {
 struct Network {
     session: zenoh::Session,
     control: Control,
-    publisher: JoinHandle<Result<(), crate::sink::SinkError>>,
+    /// Gives the number of messages that Zenoh refused.
+    publisher: JoinHandle<u64>,
 }
 
 impl Network {
     fn start(
         plan: &Plan,
         clock: MonotonicClock,
-        items: Option<Receiver<Item>>,
+        items: Receiver<Item>,
         surroundings: &mut impl Surroundings,
     ) -> Result<Self, SessionError> {
         let opened = network::open(&plan.config.network)?;
@@ -402,7 +421,6 @@ impl Network {
             &transforms,
         )?;
         let control = Control::declare(&opened.session, &plan.config.id)?;
-        let items = items.unwrap_or_else(crossbeam_channel::never);
         let publisher = spawn("ft-publisher", move || {
             publish_until_closed(sink, &items, clock)
         })?;
@@ -413,30 +431,29 @@ impl Network {
         })
     }
 
-    fn finish(self) -> Result<(), SessionError> {
+    /// What went wrong on the network is told; the recording has nothing to do with it.
+    fn finish(self, surroundings: &mut impl Surroundings) {
         use zenoh::Wait;
-        self.publisher
-            .join()
-            .map_err(|_| SessionError::Panicked("publisher"))??;
+        match self.publisher.join() {
+            Ok(0) => {}
+            Ok(refused) => surroundings.log(&format!("{refused} messages could not be published")),
+            Err(_) => surroundings.log("the publisher thread panicked: please report this"),
+        }
         drop(self.control);
         // Closing only tells the others; a failure leaves nothing behind here.
         let _ = self.session.close().wait();
-        Ok(())
     }
 }
 
-fn publish_until_closed(
-    mut sink: ZenohSink,
-    items: &Receiver<Item>,
-    clock: MonotonicClock,
-) -> Result<(), crate::sink::SinkError> {
+fn publish_until_closed(mut sink: ZenohSink, items: &Receiver<Item>, clock: MonotonicClock) -> u64 {
+    let mut refused = 0;
     loop {
-        match items.recv_timeout(SINK_PERIOD) {
-            Ok(item) => sink.take(&item)?,
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Ok(()),
-        }
-        sink.tick(clock.now())?;
+        let taken = match items.recv_timeout(SINK_PERIOD) {
+            Ok(item) => sink.take(&item),
+            Err(RecvTimeoutError::Timeout) => Ok(()),
+            Err(RecvTimeoutError::Disconnected) => return refused,
+        };
+        refused += u64::from(taken.is_err()) + u64::from(sink.tick(clock.now()).is_err());
     }
 }
 

@@ -63,7 +63,7 @@ impl Stepping {
             Some(path) => Some(McapSink::create(
                 path,
                 &plan.writer_options(),
-                &plan.preamble(start, clock_name)?,
+                &plan.preamble(start, start, clock_name)?,
             )?),
             None => None,
         };

@@ -6,6 +6,7 @@ use ft_capture::session::replay;
 use ft_drivers::discover;
 use ft_recording::{check, recover};
 
+use crate::terminal::say;
 use crate::{CommandResult, Outcome};
 
 /// Lists what is plugged in.
@@ -13,14 +14,14 @@ pub(crate) fn devices() -> CommandResult {
     let ports = discover::serial_ports();
     let interfaces = discover::can_interfaces();
     for port in &ports {
-        println!("{port}");
+        say(&port.to_string())?;
     }
     for interface in &interfaces {
-        println!("{interface}");
+        say(&interface.to_string())?;
     }
     if ports.is_empty() && interfaces.is_empty() {
-        println!("no serial port with a USB identity and no CAN interface is there");
-        println!("(a simulated gripper needs none: ft-capture --sim)");
+        say("no serial port with a USB identity and no CAN interface is there")?;
+        say("(a simulated gripper needs none: ft-capture --sim)")?;
     }
     Ok(Outcome::Fine)
 }
@@ -29,9 +30,9 @@ pub(crate) fn devices() -> CommandResult {
 pub(crate) fn check(file: &Path, json: bool) -> CommandResult {
     let report = check::check(file)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        say(&serde_json::to_string_pretty(&report)?)?;
     } else {
-        println!("{report}");
+        say(&report.to_string())?;
     }
     Ok(Outcome::of(report.lost_data()))
 }
@@ -49,10 +50,10 @@ pub(crate) fn recover(
     };
     let recovered = recover::recover(file, &output, force)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(&recovered)?);
+        say(&serde_json::to_string_pretty(&recovered)?)?;
     } else {
-        println!("{recovered}");
-        println!("written to {}", output.display());
+        say(&recovered.to_string())?;
+        say(&format!("written to {}", output.display()))?;
     }
     Ok(Outcome::of(recovered.lost_data()))
 }
@@ -71,9 +72,9 @@ fn default_output(file: &Path) -> Result<PathBuf, String> {
 pub(crate) fn replay(file: &Path, output: &Path, force: bool, json: bool) -> CommandResult {
     let summary = replay::replay(file, output, force)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(&summary)?);
+        say(&serde_json::to_string_pretty(&summary)?)?;
     } else {
-        println!("{summary}");
+        say(&summary.to_string())?;
     }
     Ok(Outcome::of(summary.lost_data()))
 }

@@ -3,25 +3,37 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::CommandFactory;
+use clap::error::ErrorKind;
 use ft_capture::config::Config;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
 use ft_capture::summary::Summary;
 use ft_drivers::{Clock, MonotonicClock};
 
-use crate::terminal::{Operator, bar, stop_flag};
-use crate::{CommandResult, Outcome, RecordArguments, simulate};
+use crate::terminal::{Operator, bar, say, stop_flag};
+use crate::{Arguments, CommandResult, Outcome, RecordArguments, Speed, simulate};
 
 /// Carries the command out.
 pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
+    let asks_for_network =
+        arguments.router || !(arguments.listen.is_empty() && arguments.connect.is_empty());
+    if arguments.speed == Speed::Max && asks_for_network {
+        Arguments::command()
+            .error(
+                ErrorKind::ArgumentConflict,
+                "--speed max publishes nothing: leave out --listen, --connect and --router, or use --speed 1",
+            )
+            .exit();
+    }
     let summary = match &arguments.sim {
         None => from_devices(arguments)?,
         Some(scenario) => simulate::run(arguments, scenario)?,
     };
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&summary)?);
+        say(&serde_json::to_string_pretty(&summary)?)?;
     } else {
-        println!("{summary}");
+        say(&summary.to_string())?;
     }
     Ok(Outcome::of(summary.lost_data()))
 }

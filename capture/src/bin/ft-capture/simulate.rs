@@ -1,9 +1,10 @@
 //! `ft-capture --sim`: the devices are simulated, everything from the drivers on is what real devices meet.
 
 use std::cell::RefCell;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use ft_capture::config::is_name;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
 use ft_capture::simulated;
@@ -59,7 +60,7 @@ fn simulated_live(
     }
     let fitted: Vec<_> = ports.iter().map(|served| served.fitted.clone()).collect();
     let config = simulated::config(
-        scenario_id(name),
+        &scenario_id(name),
         &fitted,
         &server.known_setup(),
         |device| {
@@ -74,6 +75,7 @@ fn simulated_live(
         },
     )?;
     let plan = plan(arguments, config, &default_name(name, arguments.seed));
+    check_truth(&plan)?;
     let server = RefCell::new(server);
     let mut operator = Operator {
         stop: stop_flag()?,
@@ -103,12 +105,13 @@ fn simulated_stepped(
         arguments.duration,
     )?;
     let config = simulated::config(
-        scenario_id(name),
+        &scenario_id(name),
         simulation.fitted(),
         &simulation.known_setup(),
         |_| "in-process".to_owned(),
     )?;
     let mut plan = plan(arguments, config, &default_name(name, arguments.seed));
+    check_truth(&plan)?;
     plan.publish = false;
     let stop = stop_flag()?;
     let total = arguments
@@ -128,24 +131,49 @@ fn simulated_stepped(
     Ok(summary)
 }
 
-fn scenario_id(name: &str) -> &str {
-    Path::new(name)
+/// The scenario's name or its file's, as far as it can be part of a key.
+fn scenario_id(name: &str) -> String {
+    let stem = Path::new(name)
         .file_stem()
         .and_then(|stem| stem.to_str())
-        .unwrap_or("sim")
+        .unwrap_or("sim");
+    stem.chars()
+        .map(|c| if is_name(&c.to_string()) { c } else { '_' })
+        .collect()
 }
 
 fn default_name(scenario: &str, seed: u64) -> String {
     format!("{}-seed{seed}.mcap", scenario_id(scenario))
 }
 
+/// `door.mcap` -> `door.truth.json`, other names -> the name and `.truth.json`.
+fn truth_path(recording: &Path) -> PathBuf {
+    let mut name = recording.as_os_str().to_owned();
+    if recording
+        .extension()
+        .is_some_and(|extension| extension == "mcap")
+    {
+        name = recording.with_extension("").into_os_string();
+    }
+    name.push(".truth.json");
+    PathBuf::from(name)
+}
+
+/// Refuses before the run what would be refused after it.
+fn check_truth(plan: &Plan) -> Result<(), String> {
+    match plan.record.as_deref().map(truth_path) {
+        Some(path) if path.exists() && !plan.overwrite => Err(format!(
+            "{} exists: choose another recording with -o, or replace it with --force",
+            path.display()
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// What was simulated goes to a file apart, for whoever wants to compare; nothing in the identification reads it.
 fn write_truth(plan: &Plan, truth: &Truth) -> Result<(), Box<dyn std::error::Error>> {
     if let Some(record) = &plan.record {
-        std::fs::write(
-            record.with_extension("truth.json"),
-            serde_json::to_string_pretty(truth)?,
-        )?;
+        std::fs::write(truth_path(record), serde_json::to_string_pretty(truth)?)?;
     }
     Ok(())
 }

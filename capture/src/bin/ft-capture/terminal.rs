@@ -1,6 +1,6 @@
 //! What the operator sees while a session runs.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -12,11 +12,25 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Prints an error and what caused it, on one line each.
 pub(crate) fn print_error(error: &dyn std::error::Error) {
-    eprintln!("ft-capture: {error}");
+    let mut said = error.to_string();
+    eprintln!("ft-capture: {said}");
     let mut cause = error.source();
     while let Some(inner) = cause {
-        eprintln!("  because: {inner}");
+        let text = inner.to_string();
+        if !said.contains(&text) {
+            eprintln!("  because: {text}");
+            said = text;
+        }
         cause = inner.source();
+    }
+}
+
+/// Prints a result. A reader that has gone (`| head`) is no error.
+pub(crate) fn say(text: &str) -> std::io::Result<()> {
+    let written = writeln!(std::io::stdout().lock(), "{text}");
+    match written {
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        other => other,
     }
 }
 
