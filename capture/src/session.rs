@@ -183,10 +183,11 @@ fn health(plan: &Plan, counters: &[Arc<StreamCounters>]) -> Health {
     )
 }
 
-/// The metadata `ft.ledger`: one JSON object for each stream.
+/// The metadata `ft.ledger`: one JSON object for each stream, and one for what the service itself says.
 #[must_use]
-pub fn ledger_metadata(health: &Health) -> BTreeMap<String, String> {
-    health
+pub fn ledger_metadata(health: &Health, own: StreamLedger) -> BTreeMap<String, String> {
+    let own = serde_json::json!({"drops": own.drops, "view_drops": own.view_drops});
+    let mut ledger: BTreeMap<String, String> = health
         .summary()
         .iter()
         .map(|stream| {
@@ -195,7 +196,9 @@ pub fn ledger_metadata(health: &Health) -> BTreeMap<String, String> {
                 serde_json::to_string(&stream.ledger).unwrap_or_default(),
             )
         })
-        .collect()
+        .collect();
+    ledger.insert("ft_capture".to_owned(), own.to_string());
+    ledger
 }
 
 /// The summary of a session that ran from `start` to `end`.
@@ -212,6 +215,7 @@ pub fn summarize(
         streams: health.summary(),
         own_drops: own.drops,
         own_view_drops: own.view_drops,
+        source_damage: Vec::new(),
         file,
     }
 }

@@ -1,11 +1,10 @@
-//! Where items go: the recording, the network, the memory of a test.
+//! Where items go: the recording and the network.
 
 use ft_wire::HostTime;
 
 use crate::item::Item;
 
 pub mod mcap;
-pub mod memory;
 pub mod zenoh;
 
 /// Takes items in the order of arrival.

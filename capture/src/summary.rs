@@ -18,6 +18,9 @@ pub struct Summary {
     pub own_drops: u64,
     /// Marks and diagnostics that viewers missed.
     pub own_view_drops: u64,
+    /// What is wrong with the recording that was replayed, one line each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub source_damage: Vec<String>,
     /// The recording.
     pub file: Option<FileSummary>,
 }
@@ -38,6 +41,7 @@ impl Summary {
     #[must_use]
     pub fn lost_data(&self) -> bool {
         self.own_drops > 0
+            || !self.source_damage.is_empty()
             || self
                 .streams
                 .iter()
@@ -99,6 +103,9 @@ impl fmt::Display for Summary {
             if ledger.received == 0 {
                 writeln!(f, "{:<10} never delivered a sample ({})", "", stream.state)?;
             }
+        }
+        for line in &self.source_damage {
+            writeln!(f, "the replayed recording is damaged: {line}")?;
         }
         if let Some(file) = &self.file {
             writeln!(

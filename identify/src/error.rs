@@ -43,6 +43,23 @@ pub enum IdentifyError {
         /// Needed, N.
         needed_n: f64,
     },
+    /// Free air was marked, a grasp was not.
+    #[error(
+        "nothing was held: there is a mark `free_air_begin` and no `grasp`; the recording ended before the object was grasped, or the mark is \
+         missing: record the probing too, and set the marks `grasp` and `release` around it"
+    )]
+    NeverGrasped,
+    /// Without marks, the whole recording is no motion of one joint.
+    #[error(
+        "the motion is not that of one joint: positions are {rms_m:.3} m root mean square off the best one (at most {allowed_m:.3} m); nothing says when \
+         the object was held: set the marks `grasp` and `release` around the probing, or give the recording a calibration"
+    )]
+    NotOneJoint {
+        /// Distance of the positions from the joint's path, m.
+        rms_m: f64,
+        /// Most that a joint may leave, m.
+        allowed_m: f64,
+    },
     /// No joint can be named.
     #[error(transparent)]
     Select(#[from] SelectError),

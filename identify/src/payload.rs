@@ -29,7 +29,7 @@ pub enum PayloadError {
     /// Neither free air nor a calibration.
     #[error(
         "the tool's own weight is unknown: the recording has {free_air_s:.1} s in free air before the grasp (need {needed_s:.1} s) and no calibration; \
-         move the tool in free air before grasping, or calibrate with `ft-capture calibrate`"
+         move the tool in free air before grasping, or put a [calibration] of the tool into capture.toml"
     )]
     Unknown {
         /// Free air before `grasp`, s.

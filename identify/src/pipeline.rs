@@ -52,6 +52,8 @@ pub struct Identified {
 
 const MIN_HELD_S: f64 = 5.0;
 const MIN_CONTACT_N: f64 = 0.3;
+/// A tracker wanders by some mm; a tool that also moved freely is farther from any joint's path.
+const MOST_OFF_PATH_M: f64 = 0.01;
 const KINEMATIC_RATE_HZ: f64 = 50.0;
 
 /// Identifies one recording.
@@ -144,6 +146,12 @@ fn identify_with(
     let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
     let candidates = select(&track)?;
     let joint = refine(&track, &candidates);
+    if grasp.source == GraspSource::WholeRecording && joint.position_rms > MOST_OFF_PATH_M {
+        return Err(IdentifyError::NotOneJoint {
+            rms_m: joint.position_rms,
+            allowed_m: MOST_OFF_PATH_M,
+        });
+    }
     let effort = joint_effort(
         &tool,
         &kinematics,
@@ -287,6 +295,13 @@ fn grasp_and_payload(
     if let Some(grasp) = Grasp::from_marks(tool, recording) {
         let payload = estimate(&grasp)?;
         return Ok((grasp, payload));
+    }
+    if recording
+        .marks
+        .iter()
+        .any(|mark| mark.value == "free_air_begin")
+    {
+        return Err(IdentifyError::NeverGrasped);
     }
     let whole = Grasp::whole(tool);
     let calibrated = estimate(&whole)?;

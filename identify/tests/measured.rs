@@ -1,6 +1,7 @@
 //! Measured data from `$FT_DATA` (default: `shared/data` beside the checkout). Without it each test says what it skips.
 #![allow(clippy::unwrap_used)]
 
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use ft_identify::motion::MotionSettings;
@@ -15,7 +16,11 @@ fn data(part: &str) -> Option<PathBuf> {
     );
     let path = root.join(part);
     if !path.exists() {
-        eprintln!("skipped: {part} is not in {}; set FT_DATA", root.display());
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: {part} is not in {}; set FT_DATA",
+            root.display()
+        );
         return None;
     }
     Some(path)

@@ -1,5 +1,6 @@
 //! Harness of the whole-system tests: the built programs, the measured data, other people's tools.
 
+use std::io::Write as _;
 pub mod peers;
 pub mod programs;
 pub mod truth;
@@ -24,7 +25,8 @@ pub fn measured_data(folder: &str, test: &str) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    eprintln!(
+    let _ = writeln!(
+        std::io::stderr(),
         "skipped: {test}: no measured data at {} (set FT_DATA)",
         path.display()
     );

@@ -1,5 +1,6 @@
 //! Other people's tools, from the Python package index, in a virtual environment under `target/`.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -21,7 +22,7 @@ pub fn python(test: &str) -> Option<&'static Path> {
                 std::env::var_os("FT_REQUIRE_PEERS").is_none(),
                 "{test}: {why}"
             );
-            eprintln!("skipped: {test}: {why}");
+            let _ = writeln!(std::io::stderr(), "skipped: {test}: {why}");
             None
         }
     }

@@ -182,7 +182,7 @@ fn a_recording_that_ends_before_the_grasp_is_no_recording_of_a_joint() {
     .expect_code(0);
     identify(folder.path(), &["a.mcap", "-o", "out"])
         .expect_code(1)
-        .complains(&["a.mcap"]);
+        .complains(&["a.mcap", "held"]);
 }
 
 #[test]
@@ -215,4 +215,52 @@ fn tables_with_mistakes_are_named_by_row_and_column() {
         "0.1 s does not come after 0.2 s",
     ]);
     table("t,q,f\n0,0,1\n0.1,0,1\n").complains(&["t.csv", "2 rows", "at least"]);
+}
+
+#[test]
+fn a_recording_that_was_stopped_in_free_air_holds_no_joint() {
+    let folder = tempdir().unwrap();
+    let mut capture = programs::command(
+        "ft-capture",
+        &["--sim", "-o", "a.mcap", "--listen", "tcp/127.0.0.1:17459"],
+        folder.path(),
+    );
+    let capture = capture
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // Free air is marked at 2 s, the grasp at 10 s.
+    wait(std::time::Duration::from_secs(5));
+    let id = capture.id().to_string();
+    std::process::Command::new("kill")
+        .args(["-INT", &id])
+        .status()
+        .unwrap();
+    capture.wait_with_output().unwrap();
+    identify(folder.path(), &["a.mcap", "-o", "out"])
+        .expect_code(1)
+        .complains(&["a.mcap", "nothing was held", "grasp"]);
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_error() {
+    let folder = tempdir().unwrap();
+    let script = "set -o pipefail; \"$0\" --help | head -1 > /dev/null; \"$0\" devices | true";
+    let output = std::process::Command::new("bash")
+        .args(["-c", script])
+        .arg(programs::folder().join("ft-capture"))
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let finished = programs::Finished::new("ft-capture", &output);
+    assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
+}
+
+#[allow(
+    clippy::disallowed_methods,
+    reason = "a person stops a recording after a while"
+)]
+fn wait(time: std::time::Duration) {
+    std::thread::sleep(time);
 }

@@ -28,12 +28,12 @@ fn every_built_in_scenario_records_without_a_loss() {
     let scenarios = [
         ("wood_door", 800.0),
         ("metal_door", 1000.0),
-        ("drawer_light", 500.0),
+        ("drawer_light", 1000.0),
         ("drawer_loaded", 800.0),
         ("sliding_door", 1000.0),
         ("oven_door", 1000.0),
     ];
-    for (name, _) in scenarios {
+    for (name, rate) in scenarios {
         let folder = tempdir().unwrap();
         let finished = record(folder.path(), name, &[]).expect_code(0);
         let summary = finished.json();
@@ -44,6 +44,12 @@ fn every_built_in_scenario_records_without_a_loss() {
                 .all(|stream| stream["gaps"] == 0 && stream["refused"] == 0),
             "{name}: {summary}"
         );
+        let sensor = streams
+            .iter()
+            .find(|stream| stream["name"] == "ft_sensor")
+            .unwrap();
+        let seen = sensor["rate_hz"].as_f64().unwrap();
+        assert!((seen / rate - 1.0).abs() < 0.01, "{name}: {seen} Hz");
         assert!(
             folder.path().join("a.mcap").exists() && !folder.path().join("a.mcap.partial").exists()
         );

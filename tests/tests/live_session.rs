@@ -91,3 +91,73 @@ fn a_real_time_session_reaches_a_ros_2_subscriber_and_loses_nothing() {
 fn wait(milliseconds: u64) {
     std::thread::sleep(std::time::Duration::from_millis(milliseconds));
 }
+
+#[test]
+fn sensors_without_a_clock_on_can_and_uart_lose_nothing_either() {
+    let folder = tempdir().unwrap();
+    for (scenario, rate) in [("metal_door", 1000.0), ("drawer_light", 1000.0)] {
+        let arguments = [
+            "--sim",
+            scenario,
+            "--duration",
+            "8s",
+            "-o",
+            "a.mcap",
+            "--json",
+            "--force",
+            "--listen",
+            "tcp/127.0.0.1:17457",
+        ];
+        let finished = programs::run("ft-capture", &arguments, folder.path()).expect_code(0);
+        assert_nothing_lost(
+            &finished.json(),
+            &[("ft_sensor", rate), ("gripper", 50.0), ("aria", 1000.0)],
+        );
+        programs::run("ft-capture", &["check", "a.mcap"], folder.path()).expect_code(0);
+    }
+}
+
+#[test]
+fn commands_over_the_network_are_obeyed_and_answered() {
+    let test = "commands_over_the_network_are_obeyed_and_answered";
+    let folder = tempdir().unwrap();
+    let endpoint = "tcp/127.0.0.1:17458";
+    let arguments = ["--sim", "-o", "a.mcap", "--json", "--listen", endpoint];
+    let Some(mut commands) = peers::command(test, "commands.py", &[endpoint, "wood_door"]) else {
+        return;
+    };
+    let mut capture = programs::command("ft-capture", &arguments, folder.path());
+    let capture = capture
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait(2000);
+    let answers = programs::Finished::new("commands.py", &commands.output().unwrap())
+        .expect_code(0)
+        .json();
+    programs::Finished::new("ft-capture", &capture.wait_with_output().unwrap()).expect_code(0);
+    for command in ["mark", "tare", "status", "stop"] {
+        assert_eq!(answers[command]["ok"], true, "{answers}");
+    }
+    assert_eq!(answers["mark without text"]["ok"], false, "{answers}");
+    assert_eq!(
+        answers["status"]["streams"].as_array().unwrap().len(),
+        3,
+        "{answers}"
+    );
+    let recording = ft_recording::Recording::load(
+        &folder.path().join("a.mcap"),
+        &ft_recording::TopicMap::default(),
+    )
+    .unwrap();
+    let marks: Vec<_> = recording
+        .marks
+        .iter()
+        .map(|mark| mark.value.as_str())
+        .collect();
+    assert!(
+        marks.contains(&"door squeaks here") && marks.contains(&"tare"),
+        "{marks:?}"
+    );
+}

@@ -96,6 +96,12 @@ pub(crate) fn loss_before_recovery(entries: &BTreeMap<String, String>) -> Option
 /// cannot be written.
 pub fn recover(source: &Path, out: &Path, overwrite: bool) -> Result<Recovered, ReadError> {
     let modified = refuse_busy(source)?;
+    if same_file(source, out) {
+        return Err(WriteError::Exists {
+            path: out.to_owned(),
+        }
+        .into());
+    }
     if !overwrite && out.exists() {
         return Err(WriteError::Exists {
             path: out.to_owned(),
@@ -129,6 +135,11 @@ pub fn recover(source: &Path, out: &Path, overwrite: bool) -> Result<Recovered, 
         let _ = fs::remove_file(&temporary);
     }
     recovered
+}
+
+/// Whether both names lead to one file: the source is never replaced, not even when overwriting is allowed.
+fn same_file(source: &Path, out: &Path) -> bool {
+    matches!((fs::canonicalize(source), fs::canonicalize(out)), (Ok(a), Ok(b)) if a == b)
 }
 
 /// Refuses a recording that is being written; gives its modification time.

@@ -112,7 +112,7 @@ pub fn run(
     drop(queues);
     let end = clock.now();
     let finished = recorder
-        .map(|recorder| recorder.finish(&ledger_metadata(&health)))
+        .map(|recorder| recorder.finish(&ledger_metadata(&health, own.snapshot())))
         .transpose()?;
     if let Some(network) = network {
         network.finish(surroundings);

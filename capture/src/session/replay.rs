@@ -63,8 +63,10 @@ pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, Sessi
         feeds.push(feed);
     }
     let mut stepping = Stepping::begin(&plan, links, &counters, buffer, start, "replayed")?;
-    feed_all(file, &plan.config, &first_samples, &feeds, &mut stepping)?;
-    stepping.finish()
+    let damage = feed_all(file, &plan.config, &first_samples, &feeds, &mut stepping)?;
+    let mut summary = stepping.finish()?;
+    summary.source_damage = damage;
+    Ok(summary)
 }
 
 /// Frames on their way to a driver.
@@ -112,7 +114,7 @@ fn feed_all(
     first_samples: &BTreeMap<String, HostTime>,
     feeds: &[Feed],
     stepping: &mut Stepping,
-) -> Result<(), SessionError> {
+) -> Result<Vec<String>, SessionError> {
     let mut reader = RecordReader::open(file)?;
     let mut topics = BTreeMap::new();
     while let Some(record) = reader.next_record()? {
@@ -144,7 +146,11 @@ fn feed_all(
             _ => {}
         }
     }
-    Ok(())
+    let mut damage: Vec<String> = reader.damage().iter().map(ToString::to_string).collect();
+    if damage.is_empty() && !reader.is_complete() {
+        damage.push("it was not finished".to_owned());
+    }
+    Ok(damage)
 }
 
 /// What a first pass over the recording finds.

@@ -14,7 +14,7 @@ use super::{FileSummary, Plan, SessionError, health, ledger_metadata, summarize}
 use crate::channel::Intake;
 use crate::health::Health;
 use crate::item::{Body, Item};
-use crate::ledger::StreamCounters;
+use crate::ledger::{StreamCounters, StreamLedger};
 use crate::merge::Merge;
 use crate::open::SteppedLink;
 use crate::sink::Sink;
@@ -133,15 +133,20 @@ impl Stepping {
             while let Some(item) = self.merge.pop_any() {
                 sink.take(&item)?;
             }
-            let done = sink.finish(&ledger_metadata(&self.health))?;
+            let done = sink.finish(&ledger_metadata(&self.health, StreamLedger::default()))?;
             file = Some(FileSummary {
                 path: done.path,
                 bytes: done.bytes,
                 messages: done.messages,
             });
         }
-        let own = StreamCounters::default().snapshot();
-        Ok(summarize(&self.health, own, self.start, self.now, file))
+        Ok(summarize(
+            &self.health,
+            StreamLedger::default(),
+            self.start,
+            self.now,
+            file,
+        ))
     }
 }
 
