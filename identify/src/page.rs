@@ -135,16 +135,32 @@ fn sentences(report: &Report) -> Vec<String> {
     if !friction.is_empty() {
         out.push(format!("Friction has {}.", friction.join(" and ")));
     }
+    if let (Some(first), Some(last)) = (report.effects.first(), report.effects.last()) {
+        let names: Vec<String> = report
+            .effects
+            .iter()
+            .map(|effect| effect.name.replace('_', " "))
+            .collect();
+        out.push(format!(
+            "Inertia and friction alone leave {:.2} {unit}; what they lack looks like: {}. With that, {:.2} {unit} is left.",
+            first.held_out_rms[0],
+            names.join(", "),
+            last.held_out_rms[1]
+        ));
+    }
     if let Some(mechanism) = &report.mechanism {
         let [least, most] = mechanism.load_range;
         let noise = report.last.noise_floor_rms.unwrap_or(0.0);
         if most - least < 3.0 * noise && least.abs().max(most.abs()) < 3.0 * noise {
-            out.push(
-                "No mechanism shows: no spring, closer or weight beyond the noise.".to_owned(),
-            );
+            if report.effects.is_empty() {
+                out.push(
+                    "No mechanism shows: no spring, closer or weight beyond the noise.".to_owned(),
+                );
+            }
         } else {
             out.push(format!(
-                "Besides, a mechanism or weight asks for {least:.1} to {most:.1} {unit} depending on where it stands (positive holds it back from opening)."
+                "{} asks for {least:.1} to {most:.1} {unit} depending on where it stands (positive holds it back from opening).",
+                if report.effects.is_empty() { "Besides, a mechanism or weight" } else { "What has no name" }
             ));
         }
     }
