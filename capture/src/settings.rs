@@ -297,6 +297,8 @@ impl DynamixelSettings {
             id: self.id,
             period: std::time::Duration::from_secs_f64(1.0 / self.rate_hz),
             startup,
+            // A busy host may take longer than a busy line; an answer that is late is no sample lost.
+            answer_timeout: std::time::Duration::from_millis(100),
             ..dynamixel::Config::default()
         })
     }
