@@ -1,4 +1,5 @@
 //! What is wrong is named, with where and what to do; the exit code says it, and nothing is lost.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
 //! `ft-capture --sim --speed max`, as a user runs it.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 

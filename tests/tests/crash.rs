@@ -1,4 +1,5 @@
 //! A capture that is killed loses at most a quarter of a second.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::process::Stdio;
 use std::time::Duration;

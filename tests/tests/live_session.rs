@@ -1,6 +1,7 @@
 //! `ft-capture --sim` in real time: ptys, threads, Zenoh, and a subscriber of other people's making.
 //!
 //! Alone in its file, so that no other test takes the processor from it.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use ft_tests::{peers, programs};
 use serde_json::Value;

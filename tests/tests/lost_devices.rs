@@ -1,5 +1,6 @@
 //! Devices that are not what was expected, or leave while they are recorded. `ft-sim-hw serve` plays them in a process of
 //! its own, so that they can be unplugged.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
