@@ -187,6 +187,14 @@ impl LowPass {
         self.zero_phase_extended(series, self.edge_samples())
     }
 
+    /// As [`LowPass::zero_phase`], with each end extended by three times the order, as MATLAB's `filtfilt` does.
+    ///
+    /// # Errors
+    /// [`FilterError::TooShort`].
+    pub fn zero_phase_matlab(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
+        self.zero_phase_extended(series, self.edge_samples() - 3)
+    }
+
     /// As [`LowPass::zero_phase`], with each end extended by three periods of the cut-off (or all there is), so that
     /// what the filter does at the ends has died out before the series begins.
     ///
@@ -248,7 +256,7 @@ impl LowPass {
 }
 
 /// Keeps every `factor`-th sample after an anti-alias filter: Chebyshev-I order 8, 0.05 dB, 0.8 / `factor` of the
-/// half rate, zero phase (as `scipy.signal.decimate`).
+/// half rate, zero phase. Edges and first sample as MATLAB's `decimate` has them: the samples kept end with the last.
 ///
 /// # Errors
 /// [`FilterError::TooShort`]; [`FilterError::Cutoff`] when `factor` is 0.
@@ -257,11 +265,16 @@ pub fn decimate(series: &[f64], factor: usize) -> Result<Vec<f64>, FilterError> 
         return Ok(series.to_vec());
     }
     let filter = LowPass::chebyshev1(8, 0.05, 0.8 / factor as f64, 2.0)?;
-    Ok(filter
-        .zero_phase(series)?
-        .into_iter()
+    let filtered = filter.zero_phase_matlab(series)?;
+    Ok(every(&filtered, factor).copied().collect())
+}
+
+/// Every `factor`-th sample, the last among them.
+pub fn every<T>(series: &[T], factor: usize) -> impl Iterator<Item = &T> {
+    series
+        .iter()
+        .skip(series.len().saturating_sub(1) % factor)
         .step_by(factor)
-        .collect())
 }
 
 #[cfg(test)]

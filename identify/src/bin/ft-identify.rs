@@ -102,13 +102,13 @@ struct TableArguments {
     /// Published least-squares recipe instead of ours: low-pass of the position, Hz
     #[arg(long, requires_all = ["lowpass_order", "decimate"])]
     lowpass_hz: Option<f64>,
-    /// Recipe: Butterworth order of that zero-phase low-pass, forward and backward together: 2, 4, 6, 8 or 10
-    #[arg(long, requires = "lowpass_hz", value_parser = even_order)]
-    lowpass_order: Option<usize>,
+    /// Recipe: Butterworth order of that low-pass in each of its two passes
+    #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u8).range(1..=12))]
+    lowpass_order: Option<u8>,
     /// Recipe: keep every so many-th sample
     #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u16).range(1..=1000))]
     decimate: Option<u16>,
-    /// Recipe: samples dropped at either end
+    /// Recipe: first sample kept, counted from 1; differences at the very start are off
     #[arg(long, requires = "lowpass_hz", default_value_t = 0)]
     drop_border: usize,
     /// Recipe: fit a constant load too
@@ -129,13 +129,6 @@ struct TrackArguments {
     /// Print JSON instead of the table
     #[arg(long)]
     json: bool,
-}
-
-fn even_order(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(order @ (2 | 4 | 6 | 8 | 10)) => Ok(order),
-        _ => Err("2, 4, 6, 8 or 10".to_owned()),
-    }
 }
 
 /// How a run ended well.
@@ -218,7 +211,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
     progress.finished(Stage::Read);
     let recipe = arguments.lowpass_hz.map(|lowpass_hz| Recipe {
         lowpass_hz,
-        lowpass_order: arguments.lowpass_order.unwrap_or(4),
+        lowpass_order: arguments.lowpass_order.map_or(4, usize::from),
         decimate: arguments.decimate.map_or(1, usize::from),
         drop_border: arguments.drop_border,
         offset: arguments.offset,
