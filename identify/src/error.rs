@@ -78,6 +78,12 @@ pub enum IdentifyError {
     /// The track is wrong.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// A result of an earlier run is there.
+    #[error("{} exists: choose another directory with -o, or replace it with --force", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
     /// A result cannot be written.
     #[error("cannot write {}: {source}; check that the directory exists and has room", path.display())]
     Write {

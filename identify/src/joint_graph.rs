@@ -27,7 +27,7 @@ mod noise;
 
 pub use noise::Wander;
 
-use nalgebra::{DMatrix, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, UnitQuaternion, Vector3};
 
 use crate::least_squares::effective_count;
 use crate::motion::strokes;
@@ -59,6 +59,8 @@ pub struct RefinedJoint {
     pub direction_std: f64,
     /// Standard deviation of the axis position across the axis, m; 0 for a prismatic joint, whose line is free.
     pub position_std: f64,
+    /// Standard deviation of the tool's distance from the axis, m; 0 for a prismatic joint.
+    pub radius_std: f64,
     /// Covariance of [tilt, tilt, shift, shift], rad and m, along [`perpendiculars`] of the direction.
     pub covariance: DMatrix<f64>,
     /// Root mean square distance of the positions from the path, m.
@@ -295,6 +297,20 @@ impl State {
         g.amax() < 1e-9
     }
 
+    /// Derivative of the tool's distance from the axis by the geometry parameters.
+    fn radius_gradient(&self) -> DVector<f64> {
+        let frame = Frame::new(self);
+        let [radial, direction] = frame.grasp;
+        let height = direction.dot(&(self.p0 - self.axis.point));
+        let mut gradient = DVector::zeros(GEOMETRY);
+        for (k, e) in [frame.first, frame.second].into_iter().enumerate() {
+            gradient[k] = -height * radial.dot(&e.cross(&direction));
+            gradient[2 + k] = -radial.dot(&e);
+        }
+        gradient[4] = 1.0;
+        gradient
+    }
+
     fn finish(
         mut self,
         track: &PoseSamples,
@@ -316,6 +332,7 @@ impl State {
         }
         let square: f64 = position.iter().flatten().map(|v| v * v).sum();
         let mut covariance = DMatrix::zeros(4, 4);
+        let mut radius_std = 0.0;
         if let Some((step, cost)) = last {
             // The noise model is an estimate: never claim more than the residuals bear out.
             let mut inflation = (cost / step.freedom.max(1.0)).max(1.0);
@@ -327,6 +344,11 @@ impl State {
                 inflation *= (track.positions.len() as f64 / worth).max(1.0);
             }
             covariance = step.covariance.view((0, 0), (4, 4)) * inflation;
+            if self.axis.kind == JointKind::Revolute {
+                let radius = self.radius_gradient();
+                let variance = (radius.transpose() * &step.covariance * &radius)[(0, 0)];
+                radius_std = (variance * inflation).max(0.0).sqrt();
+            }
         }
         let variance = |i: usize| covariance[(i, i)].max(0.0);
         let (direction_std, mut position_std) = (
@@ -349,6 +371,7 @@ impl State {
             q: self.q,
             direction_std,
             position_std,
+            radius_std,
             covariance,
             position_rms: (square / count).sqrt(),
             position_noise: noise[0],

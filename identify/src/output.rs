@@ -6,6 +6,24 @@ use crate::error::IdentifyError;
 use crate::page::page;
 use crate::pipeline::Identified;
 
+/// Names of the files.
+pub const FILES: [&str; 3] = ["report.json", "report.html", "twin.json"];
+
+/// Refuses to replace `files` of an earlier run unless `force`; meant to be asked before the work.
+///
+/// # Errors
+/// [`IdentifyError::Exists`], with the first that is there.
+pub fn refuse_existing(directory: &Path, files: &[&str], force: bool) -> Result<(), IdentifyError> {
+    let there = files
+        .iter()
+        .map(|name| directory.join(name))
+        .find(|path| path.exists());
+    match there {
+        Some(path) if !force => Err(IdentifyError::Exists { path }),
+        _ => Ok(()),
+    }
+}
+
 /// Writes the files; gives their paths. The directory is made when it is not there; files of an earlier run are replaced,
 /// and a twin of an earlier run is removed when there is none now.
 ///

@@ -104,6 +104,8 @@ pub struct JointStd {
     pub direction_deg: Option<f64>,
     /// Position across the axis, m; nothing for a slide.
     pub position_m: Option<f64>,
+    /// Distance of the tool from the axis, m; nothing for a slide.
+    pub radius_m: Option<f64>,
 }
 
 /// The criterion of either kind.
@@ -186,6 +188,7 @@ impl Joint {
             std: JointStd {
                 direction_deg: Some(joint.direction_std.to_degrees()),
                 position_m: revolute.then_some(joint.position_std),
+                radius_m: revolute.then_some(joint.radius_std),
             },
             q_range,
             position_rms_m: Some(joint.position_rms),

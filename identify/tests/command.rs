@@ -67,9 +67,44 @@ fn a_table_gives_parameters_and_three_files() {
     for name in ["report.json", "report.html", "twin.json"] {
         assert!(out.join(name).exists());
     }
-    let done = run(&[&["table", &file, "-o", output, "--json"], &columns[..]].concat());
+    let again = [&["table", &file, "-o", output, "--json"], &columns[..]].concat();
+    let refused = run(&again);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(
+        text(&refused.stderr).contains("report.json exists: choose another directory with -o"),
+        "{}",
+        text(&refused.stderr)
+    );
+    let done = run(&[&again[..], &["--force"]].concat());
     let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(report["joint"]["kind"], "prismatic");
+}
+
+#[test]
+fn a_reader_that_has_gone_makes_no_panic() {
+    use std::io::Write as _;
+    // The track comes from standard input, so that the reader is gone before anything is printed.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ft-identify"))
+        .args(["track", "/dev/stdin", "--json"])
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let mut track = child.stdin.take().unwrap();
+    for i in 0..120 {
+        let a = 0.01 * f64::from(i);
+        let noise = 1e-3 * (a * 91.0).sin();
+        writeln!(track, "{} {} {noise}", 0.5 * a.cos(), 0.5 * a.sin()).unwrap();
+    }
+    drop(track);
+    let done = child.wait_with_output().unwrap();
+    assert!(
+        !text(&done.stderr).contains("panicked"),
+        "{}",
+        text(&done.stderr)
+    );
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use ft_identify::motion::MotionSettings;
 use ft_identify::screw::JointKind;
 use ft_identify::table::{Recipe, TableColumns, identify_published, read_table};
-use ft_identify::track::identify_track;
+use ft_identify::track::{TrackJoint, identify_track};
 
 fn data(part: &str) -> Option<PathBuf> {
     let root = std::env::var_os("FT_DATA").map_or_else(
@@ -51,21 +51,34 @@ fn kitchen_doors_turn_and_kitchen_drawers_slide() {
             assert!((0.42..0.48).contains(&length), "{name}: {length} m");
         } else {
             assert_eq!(found.candidates.kind, JointKind::Revolute, "{name}");
-            let radius = found.radius.unwrap();
-            let known = [(0.295, 0.345), (0.39, 0.44), (0.495, 0.54)];
+            // 0.31-0.33, 0.40-0.43 and 0.51-0.53 m, to the digits given.
+            let known = [(0.305, 0.335), (0.395, 0.435), (0.505, 0.535)];
             assert!(
                 known
                     .iter()
-                    .any(|(low, high)| (*low..*high).contains(&radius)),
-                "{name}: {radius} m"
+                    .any(|range| within_one_deviation(&found, *range)),
+                "{name}: {:?} m",
+                found.radius
             );
         }
     }
 }
 
+/// Whether the radius is in the range or less than its own standard deviation outside.
+fn within_one_deviation(found: &TrackJoint, (low, high): (f64, f64)) -> bool {
+    let (radius, std) = (found.radius.unwrap(), found.joint.radius_std);
+    assert!(std > 0.0 && std < 0.02, "{std} m");
+    (low - std..=high + std).contains(&radius)
+}
+
 #[test]
 fn dishwasher_and_left_door_have_their_radii() {
-    for (folder, low, high) in [("dishwasher", 0.635, 0.68), ("left_door", 0.325, 0.37)] {
+    // 0.644-0.674 m and 0.330-0.362 m by an algebraic circle fit, to the digits given. The geometric fit of left_door gives
+    // up to 0.366 m: a robot's hook slides on its handle by millimetres.
+    for (folder, low, high) in [
+        ("dishwasher", 0.6435, 0.6745),
+        ("left_door", 0.3295, 0.3625),
+    ] {
         for file in logs(&format!("articulation_tum/mechanisms_iros_2010/{folder}")) {
             let found = identify_track(&file).unwrap();
             assert_eq!(
@@ -74,11 +87,11 @@ fn dishwasher_and_left_door_have_their_radii() {
                 "{}",
                 file.display()
             );
-            let radius = found.radius.unwrap();
             assert!(
-                (low..high).contains(&radius),
-                "{}: {radius} m",
-                file.display()
+                within_one_deviation(&found, (low, high)),
+                "{}: {:?} m",
+                file.display(),
+                found.radius
             );
         }
     }

@@ -10,7 +10,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use ft_identify::analysis::analyse_confirmed;
 use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
-use ft_identify::output::write_to;
+use ft_identify::output::{FILES, refuse_existing, write_to};
 use ft_identify::pipeline::{Identified, Stage, identified_table, identify_confirmed};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
@@ -69,6 +69,9 @@ struct Common {
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
     #[arg(long)]
     confirm: Vec<PathBuf>,
+    /// Replace the files of an earlier run in the output directory
+    #[arg(long)]
+    force: bool,
     /// Print report.json instead of the summary
     #[arg(long)]
     json: bool,
@@ -126,6 +129,9 @@ struct TrackArguments {
     /// Directory for joint.json
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// Replace joint.json of an earlier run
+    #[arg(long)]
+    force: bool,
     /// Print JSON instead of the table
     #[arg(long)]
     json: bool,
@@ -138,6 +144,8 @@ enum Outcome {
 }
 
 fn main() -> ExitCode {
+    // `ft-identify ... | head` ends quietly; every file is written before the summary is printed.
+    sigpipe::reset();
     let arguments = Arguments::parse();
     let outcome = match &arguments.command {
         Some(Command::Table(table)) => run_table(table),
@@ -173,6 +181,7 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
         return Ok(Outcome::Fine);
     };
     let map = TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?;
+    refuse_existing(output, &FILES, arguments.common.force)?;
     let progress = Progress::start();
     let settings = settings(&arguments.common);
     let identified = identify_confirmed(
@@ -206,6 +215,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         Kind::Revolute => JointKind::Revolute,
         Kind::Prismatic => JointKind::Prismatic,
     };
+    refuse_existing(&arguments.output, &FILES, arguments.common.force)?;
     let progress = Progress::start();
     let samples = read_table(&arguments.table, &columns, kind)?;
     progress.finished(Stage::Read);
@@ -241,11 +251,14 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
 }
 
 fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
+    if let Some(directory) = &arguments.output {
+        refuse_existing(directory, &["joint.json"], arguments.force)?;
+    }
     let mut found = Vec::new();
     if !arguments.json {
         println!(
-            "{:<28} {:<10} {:>9} {:>8}  axis",
-            "track", "kind", "size m", "rms mm"
+            "{:<28} {:<10} {:>9} {:>6} {:>8}  axis",
+            "track", "kind", "size m", "+- m", "rms mm"
         );
     }
     for path in &arguments.tracks {
@@ -286,9 +299,12 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
 fn track_line(name: &str, found: &TrackJoint) -> String {
     let size = found.radius.unwrap_or(found.q_range[1] - found.q_range[0]);
     let what = if found.radius.is_some() { "r" } else { "l" };
+    let spread = found
+        .radius
+        .map_or_else(String::new, |_| format!("{:.3}", found.joint.radius_std));
     let d = found.joint.axis.direction;
     format!(
-        "{name:<28} {:<10} {what} {size:7.3} {:8.2}  [{:.3} {:.3} {:.3}]",
+        "{name:<28} {:<10} {what} {size:7.3} {spread:>6} {:8.2}  [{:.3} {:.3} {:.3}]",
         found.candidates.kind.name(),
         1e3 * found.joint.position_rms,
         d.x,

@@ -78,7 +78,8 @@ fn a_door_axis_is_found_despite_the_trackers_wander() {
 #[test]
 fn the_stated_uncertainty_covers_the_error() {
     let (truth, handle) = door();
-    let (mut direction, mut position) = (0.0, 0.0);
+    let (mut direction, mut position, mut radius) = (0.0, 0.0, 0.0);
+    let true_radius = truth.distance(&handle);
     for seed in 0..40 {
         let samples = track(&truth, handle, 1.0, 100 + seed, [2e-3, 3e-3]);
         let joint = refine(&samples, &select(&samples).unwrap());
@@ -87,10 +88,13 @@ fn the_stated_uncertainty_covers_the_error() {
         let across = offset - truth.direction.into_inner() * truth.direction.dot(&offset);
         direction += (angle / joint.direction_std).powi(2) / 40.0;
         position += (across.norm() / joint.position_std).powi(2) / 40.0;
+        let error = joint.axis.distance(&joint.tool_position) - true_radius;
+        radius += (error / joint.radius_std).powi(2) / 40.0;
     }
     // Mean squared error over stated variance: 1 when the covariance is honest.
     assert!((0.3..2.5).contains(&direction), "direction: {direction}");
     assert!((0.3..2.5).contains(&position), "position: {position}");
+    assert!((0.3..2.5).contains(&radius), "radius: {radius}");
 }
 
 #[test]

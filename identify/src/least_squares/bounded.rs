@@ -3,6 +3,8 @@
 //! # Source
 //! Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, written for the normal matrix.
 
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{ColRef, Mat, Side};
 use nalgebra::{DMatrix, DVector};
 
 /// What a parameter may be.
@@ -165,30 +167,35 @@ fn solve_free(h: &DMatrix<f64>, f: &DVector<f64>, free: &mut [bool]) -> DVector<
     if index.is_empty() {
         return x;
     }
-    let part = DMatrix::from_fn(index.len(), index.len(), |i, j| h[(index[i], index[j])]);
-    let right = DVector::from_fn(index.len(), |i, _| f[index[i]]);
-    let ridge = 1e-13 * part.diagonal().amax();
-    let mut steadied = part.clone();
-    for i in 0..index.len() {
+    let n = index.len();
+    let mut steadied = Mat::from_fn(n, n, |i, k| h[(index[i], index[k])]);
+    let ridge = 1e-13 * (0..n).map(|i| steadied[(i, i)].abs()).fold(0.0, f64::max);
+    for i in 0..n {
         steadied[(i, i)] += ridge;
     }
-    let Some(factor) = steadied.cholesky() else {
+    let Ok(factor) = Llt::new(steadied.as_ref(), Side::Lower) else {
         // Not even then: leave out the last variable that came in without diagonal weight.
-        for (i, &j) in index.iter().enumerate() {
-            if part[(i, i)] <= ridge {
+        for &j in &index {
+            if h[(j, j)] <= ridge {
                 free[j] = false;
             }
         }
         return x;
     };
-    let mut solution = factor.solve(&right);
+    let solve = |right: &[f64]| factor.solve(ColRef::from_slice(right));
+    for (&j, value) in index.iter().zip(solve(&pick(f, &index)).iter()) {
+        x[j] = *value;
+    }
     // One refinement step takes the ridge's bias away.
-    let correction = factor.solve(&(&right - &part * &solution));
-    solution += correction;
-    for (i, &j) in index.iter().enumerate() {
-        x[j] = solution[i];
+    let left = f - h * &x;
+    for (&j, correction) in index.iter().zip(solve(&pick(&left, &index)).iter()) {
+        x[j] += correction;
     }
     x
+}
+
+fn pick(values: &DVector<f64>, index: &[usize]) -> Vec<f64> {
+    index.iter().map(|&j| values[j]).collect()
 }
 
 #[cfg(test)]

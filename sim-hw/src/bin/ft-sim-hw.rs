@@ -104,6 +104,8 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 fn main() -> ExitCode {
+    // `ft-sim-hw scenarios | head` ends quietly.
+    sigpipe::reset();
     let result = match Arguments::parse().command {
         Command::Scenarios => scenarios(),
         Command::Sealed(arguments) => sealed(&arguments),
