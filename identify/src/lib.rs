@@ -32,6 +32,7 @@ pub mod pipeline;
 pub mod report;
 pub mod samples;
 pub mod screw;
+pub mod simulate;
 pub mod spline;
 pub mod table;
 pub mod tool;

@@ -3,6 +3,9 @@
 //! The effort at a state is `I ddq + mu sgn(dq) + b dq`, the added effects, and `g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
 //! [`Twin::in_frame`] and [`Twin::in_coordinate`] re-express it (the paper's twin assembly) without changing the effort.
 
+mod evaluator;
+
+pub use evaluator::{Evaluator, Outside, Terms};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -186,35 +189,10 @@ impl Twin {
         self
     }
 
-    /// Effort that the tool must apply at a state of the twin's coordinate. Parameters that were not identified count as 0.
+    /// The twin ready for evaluation.
     #[must_use]
-    pub fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
-        let Coordinate { sign, offset } = self.joint.coordinate;
-        let (q, dq, ddq) = (sign * (q - offset), sign * dq, sign * ddq);
-        let sgn = if dq == 0.0 { 0.0 } else { dq.signum() };
-        let parametric: f64 = self
-            .beta
-            .names
-            .iter()
-            .zip(&self.beta.values)
-            .map(|(name, value)| {
-                let regressor = match name.as_str() {
-                    "inertia" => ddq,
-                    "coulomb" => sgn,
-                    "viscous" => dq,
-                    "load" => 1.0,
-                    _ => 0.0,
-                };
-                regressor * value.unwrap_or(0.0)
-            })
-            .sum();
-        let effects: f64 = self.effects.iter().map(|effect| effect.effort(q, dq)).sum();
-        sign * (parametric
-            + effects
-            + self
-                .mechanism
-                .as_ref()
-                .map_or(0.0, |mechanism| mechanism.effort(q, dq)))
+    pub fn evaluator(&self) -> Evaluator {
+        Evaluator::new(self)
     }
 
     /// The twin with its axis in frame `name`, `name_from_old` taking the old frame's coordinates there. The joint
@@ -293,40 +271,6 @@ impl TwinMechanism {
             damping: [surface(opening), surface(closing)],
         }
     }
-
-    fn effort(&self, q: f64, dq: f64) -> f64 {
-        let [low, high] = self.load.interval;
-        let load = Basis::new(low, high, self.load.pieces, self.load.degree)
-            .value(&self.load.coefficients, q);
-        load + self.damping[usize::from(dq < 0.0)].value(q, dq.abs()) * dq
-    }
-}
-
-impl SurfaceSpline {
-    fn value(&self, q: f64, speed: f64) -> f64 {
-        let in_q = Basis::new(
-            self.interval_q[0],
-            self.interval_q[1],
-            self.pieces[0],
-            self.degree[0],
-        );
-        let in_speed = Basis::new(
-            self.interval_sqrt_speed[0],
-            self.interval_sqrt_speed[1],
-            self.pieces[1],
-            self.degree[1],
-        );
-        let (first_q, values_q) = in_q.evaluate(q);
-        let (first_speed, values_speed) = in_speed.evaluate(speed.sqrt());
-        let mut sum = 0.0;
-        for (i, in_q) in values_q.iter().take(self.degree[0] + 1).enumerate() {
-            for (j, in_s) in values_speed.iter().take(self.degree[1] + 1).enumerate() {
-                let index = (first_q + i) * in_speed.len() + first_speed + j;
-                sum += self.coefficients.get(index).copied().unwrap_or(0.0) * in_q * in_s;
-            }
-        }
-        sum
-    }
 }
 
 #[cfg(test)]
@@ -379,8 +323,8 @@ mod tests {
         let expected = model.theta[0] * ddq - model.theta[1]
             + model.theta[2] * dq
             + model.mechanism.as_ref().unwrap().effort(q, dq)
-            + twin.effects.iter().map(|e| e.effort(q, dq)).sum::<f64>();
-        assert!((twin.effort(q, dq, ddq) - expected).abs() < 1e-9);
+            + twin.evaluator().terms(q, dq, ddq).effects;
+        assert!((twin.evaluator().effort(q, dq, ddq) - expected).abs() < 1e-9);
         assert!(
             (expected - (3.0 - 0.6 - 0.63 + 0.48)).abs() < 0.15,
             "{expected}"
@@ -396,9 +340,9 @@ mod tests {
             .in_coordinate(true, 0.25)
             .in_coordinate(false, -1.0);
         for (q, dq, ddq) in [(0.1, 0.5, 1.0), (0.7, -0.9, 0.0), (0.4, -0.2, -3.0)] {
-            let there = moved.effort(-q + 0.25 - 1.0, -dq, -ddq);
+            let there = moved.evaluator().effort(-q + 0.25 - 1.0, -dq, -ddq);
             assert!(
-                (there + twin.effort(q, dq, ddq)).abs() < 1e-12,
+                (there + twin.evaluator().effort(q, dq, ddq)).abs() < 1e-12,
                 "effort turns its sign with the coordinate"
             );
         }
@@ -415,11 +359,62 @@ mod tests {
         );
     }
 
+    proptest::proptest! {
+        #![proptest_config(proptest::test_runner::Config::with_cases(1000))]
+        #[test]
+        fn any_frame_and_coordinate_gives_the_same_effort(
+            turn in proptest::array::uniform3(-3.0..3.0), way in proptest::array::uniform3(-5.0..5.0),
+            reversed: bool, offset in -4.0..4.0, q in 0.0..0.8, dq in -1.5..1.5, ddq in -9.0..9.0,
+        ) {
+            let (twin, _) = shared();
+            let motion = Isometry3::new(Vector3::from(way), Vector3::from(turn));
+            let moved = twin.in_frame("asset", &motion).in_coordinate(reversed, offset);
+            let s = if reversed { -1.0 } else { 1.0 };
+            let (here, there) = (twin.evaluator(), moved.evaluator());
+            let (before, after) = (here.effort(q, dq, ddq), s * there.effort(s * q + offset, s * dq, s * ddq));
+            proptest::prop_assert!((before - after).abs() <= 1e-9 * before.abs().max(1e-3), "{before} {after}");
+            proptest::prop_assert_eq!(here.outside(q, dq).is_some(), there.outside(s * q + offset, s * dq).is_some());
+            // Power: the effort works on the point of the axis that carries the tool, wherever the frame.
+            let twist = |twin: &Twin, dq: f64| dq * Vector3::from(twin.joint.axis_direction.unwrap());
+            let turned = motion.rotation * twist(twin, dq);
+            proptest::prop_assert!((turned - twist(&moved, s * dq)).norm() < 1e-9);
+        }
+    }
+
+    fn shared() -> &'static (Twin, crate::analysis::Analysis) {
+        static SHARED: std::sync::OnceLock<(Twin, crate::analysis::Analysis)> =
+            std::sync::OnceLock::new();
+        SHARED.get_or_init(twin)
+    }
+
+    #[test]
+    fn a_gradient_is_the_slope_of_the_effort_and_stays_on_its_side_of_rest() {
+        let evaluator = shared().0.evaluator();
+        let [by_q, by_dq, by_ddq] = evaluator.gradient(0.4, 0.6);
+        let slope = |h: f64| {
+            (evaluator.effort(0.4 + h, 0.6, 0.0) - evaluator.effort(0.4 - h, 0.6, 0.0)) / (2.0 * h)
+        };
+        assert!(
+            (by_q - slope(1e-4)).abs() < 0.05 * by_q.abs().max(1.0),
+            "{by_q} {}",
+            slope(1e-4)
+        );
+        assert!(by_dq > 0.0 && (by_ddq - evaluator.inertia()).abs() < 1e-12);
+        // Across rest the Coulomb friction would jump by more than a newton metre over a thousandth of the range.
+        assert!(evaluator.gradient(0.4, 1e-6)[1] < 20.0);
+        assert_eq!(evaluator.outside(0.4, 0.1), None);
+        assert_eq!(evaluator.outside(3.0, 0.1), Some(Outside::Coordinate));
+        assert_eq!(evaluator.outside(0.4, 30.0), Some(Outside::Velocity));
+    }
+
     #[test]
     fn json_gives_the_twin_back() {
         let (twin, _) = twin();
         let back: Twin = serde_json::from_str(&twin.to_json().unwrap()).unwrap();
-        assert!((back.effort(0.3, 0.4, 0.5) - twin.effort(0.3, 0.4, 0.5)).abs() < 1e-12);
+        assert!(
+            (back.evaluator().effort(0.3, 0.4, 0.5) - twin.evaluator().effort(0.3, 0.4, 0.5)).abs()
+                < 1e-12
+        );
         assert_eq!(back.joint.coordinate, twin.joint.coordinate);
     }
 }

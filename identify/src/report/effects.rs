@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::analysis::Analysis;
 use crate::diagnose::{Evidence, Found, NamedEffect};
 use crate::dynamics::{EffortModel, Term};
-use crate::effect::library::{Belongs, kind};
+use crate::effect::library::Belongs;
 use crate::screw::JointKind;
 
 /// An effect that was added, as written.
@@ -229,26 +229,5 @@ impl TwinEffect {
             }
         }
         out
-    }
-
-    /// Effort at a state of the recording's coordinate; 0 for effects with memory, which vanish in steady motion.
-    #[must_use]
-    pub fn effort(&self, q: f64, dq: f64) -> f64 {
-        let Some((kind, at)) = kind(&self.name).and_then(|kind| Some((kind, kind.at?))) else {
-            return 0.0;
-        };
-        let shape: Vec<f64> = self.shape.iter().map(|number| number.value).collect();
-        let per_term = at(&shape, q, dq);
-        let value = |name: &str| {
-            self.terms
-                .iter()
-                .find(|t| t.name == name)
-                .map_or(0.0, |t| t.value)
-        };
-        kind.terms
-            .iter()
-            .zip(per_term)
-            .map(|(term, unit)| value(term.0) * unit)
-            .sum()
     }
 }
