@@ -63,6 +63,10 @@ pub enum Driver {
     RobotousCan,
     /// Robotous RFT over USB, RS-232, RS-422.
     RobotousUart,
+    /// OptoForce or OnRobot HEX over USB or UART.
+    OptoforceSerial,
+    /// OptoForce or OnRobot HEX over CAN.
+    OptoforceCan,
     /// A Dynamixel as the gripper's encoder.
     Dynamixel,
     /// A tracker that streams poses in our own format.
@@ -74,7 +78,11 @@ impl Driver {
     #[must_use]
     pub const fn topic(self) -> &'static str {
         match self {
-            Self::BotaSerial | Self::RobotousCan | Self::RobotousUart => "/ft/wrench",
+            Self::BotaSerial
+            | Self::RobotousCan
+            | Self::RobotousUart
+            | Self::OptoforceSerial
+            | Self::OptoforceCan => "/ft/wrench",
             Self::Dynamixel => "/gripper/joint_states",
             Self::PoseStream => "/aria/pose",
         }
@@ -87,6 +95,8 @@ impl Driver {
             Self::BotaSerial => "bota_serial",
             Self::RobotousCan => "robotous_can",
             Self::RobotousUart => "robotous_uart",
+            Self::OptoforceSerial => "optoforce_serial",
+            Self::OptoforceCan => "optoforce_can",
             Self::Dynamixel => "dynamixel",
             Self::PoseStream => "pose_stream",
         }
@@ -99,6 +109,8 @@ impl Driver {
             Self::BotaSerial,
             Self::RobotousCan,
             Self::RobotousUart,
+            Self::OptoforceSerial,
+            Self::OptoforceCan,
             Self::Dynamixel,
             Self::PoseStream,
         ]

@@ -1,11 +1,14 @@
 //! The drivers' own settings: `[device.settings]` of the configuration, checked, and the drivers made of them.
 
+mod optoforce;
+
 use ft_drivers::device::Counted;
 use ft_drivers::options::{Sign, Startup};
 use ft_drivers::reading::Reading;
 use ft_drivers::robotous::{self, Filter, Scale};
 use ft_drivers::{
-    Device as Protocol, bota_serial, dynamixel, pose_stream, robotous_can, robotous_uart,
+    Device as Protocol, bota_serial, dynamixel, optoforce_can, optoforce_serial, pose_stream,
+    robotous_can, robotous_uart,
 };
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::{CanIds, FilterSetting};
@@ -83,6 +86,22 @@ pub fn with_driver<U: DriverUser>(
                 move || robotous_uart::RobotousUart::new(config),
                 settings.baud_bps,
             ))
+        }
+        Driver::OptoforceSerial => {
+            let settings: optoforce::Settings = read(device)?;
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
+            let make = move || optoforce_serial::OptoforceSerial::new(config);
+            Ok(user.serial(make, settings.baud_bps))
+        }
+        Driver::OptoforceCan => {
+            let settings: optoforce::Settings = read(device)?;
+            let config = settings
+                .can_config(startup)
+                .map_err(|what| wrong(device, what))?;
+            let make = move || optoforce_can::OptoforceCan::new(config);
+            Ok(user.can(make, vec![settings.data_id]))
         }
         Driver::Dynamixel => {
             let settings: DynamixelSettings = read(device)?;

@@ -68,16 +68,19 @@ fn transmission_us(device: &Fitted, driver: Driver) -> f64 {
         Bus::Serial { baud_bps } => bytes * 10.0 / f64::from(baud_bps) * 1e6,
         Bus::Can { .. } => 0.0,
     };
+    let can = |frames: f64, bytes: f64| match device.bus {
+        Bus::Can { bitrate_bps } => (47.0 * frames + 8.0 * bytes) / f64::from(bitrate_bps) * 1e6,
+        Bus::Serial { .. } => 0.0,
+    };
     match driver {
         Driver::BotaSerial => serial(37.0),
         Driver::RobotousUart => serial(19.0),
+        Driver::OptoforceSerial => serial(22.0),
         Driver::Dynamixel => serial(29.0),
         Driver::PoseStream => serial(74.0),
-        // Two frames of 8 bytes with 11-bit ids: 111 bits each without stuffing.
-        Driver::RobotousCan => match device.bus {
-            Bus::Can { bitrate_bps } => 222.0 / f64::from(bitrate_bps) * 1e6,
-            Bus::Serial { .. } => 0.0,
-        },
+        // 47 bits and 8 for each byte of every frame with an 11-bit id, without stuffing.
+        Driver::RobotousCan => can(2.0, 16.0),
+        Driver::OptoforceCan => can(3.0, 22.0),
     }
 }
 
@@ -174,6 +177,9 @@ fn setting(value: &SettingValue) -> toml::Value {
             toml::Value::Integer(*number as i64)
         }
         SettingValue::Number(number) => toml::Value::Float(*number),
+        SettingValue::Numbers(numbers) => {
+            toml::Value::Array(numbers.iter().copied().map(toml::Value::Float).collect())
+        }
         SettingValue::Text(text) => toml::Value::String(text.clone()),
     }
 }

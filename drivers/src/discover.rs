@@ -94,6 +94,12 @@ pub const IDENTITIES: &[UsbIdentity] = &[
     serial(0x10C4, 0xEA60, "Silicon Labs CP210x", "cp210x"),
     serial(0x1A86, 0x7523, "WCH CH340", "ch341-uart"),
     serial(0x0483, 0x5740, "STM32 virtual COM port", "cdc_acm"),
+    serial(
+        0x04D8,
+        0x000A,
+        "OptoForce, OnRobot HEX (Microchip CDC)",
+        "cdc_acm",
+    ),
     can(0x1D50, 0x606F, "candleLight, CANable", "gs_usb"),
     can(0x1209, 0x2323, "candleLight clone", "gs_usb"),
     can(0x0C72, 0x000C, "PCAN-USB", "peak_usb"),

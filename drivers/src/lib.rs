@@ -21,6 +21,9 @@ pub mod dynamixel;
 mod framer;
 pub mod link;
 pub mod options;
+pub mod optoforce;
+pub mod optoforce_can;
+pub mod optoforce_serial;
 mod outbox;
 pub mod pose_stream;
 pub mod priority;
@@ -30,6 +33,7 @@ pub mod robotous;
 pub mod robotous_can;
 pub mod robotous_uart;
 mod sequence;
+mod stages;
 #[cfg(test)]
 mod test_support;
 pub mod translate;

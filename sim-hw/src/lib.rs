@@ -24,6 +24,8 @@
 //! | Robotous | reboot applies new ids and baud | they are stored and read back; there is no reboot |
 //! | Robotous | padding of ASCII fields unknown | NUL |
 //! | Robotous | filter in the sensor's own fast loop | first-order filter at the output rate |
+//! | OptoForce | three axes, several sensors at a converter | one sensor of six axes |
+//! | OptoForce | filter in the sensor's own fast loop | first-order filter at the output rate |
 //! | Dynamixel | moves when its torque is on | only senses; registers can be written |
 //! | Dynamixel | bulk read, fast sync read, reboot, factory reset | instruction error |
 //! | Dynamixel | half duplex with echo on some adapters | no echo |
@@ -42,6 +44,7 @@ mod hold;
 mod jaw;
 mod measurement;
 mod motion;
+mod optoforce;
 mod person;
 mod pose_stream;
 mod pose_tracker;

@@ -14,7 +14,7 @@ pub(crate) use model::Model;
 use crate::clock::{Cadence, DeviceClock, SimNanos};
 use crate::device::seconds;
 use crate::scene::Scene;
-use crate::wrench_sensor::WrenchSensor;
+use crate::wrench_sensor::{LowPass, WrenchSensor};
 
 const MODEL_NAME: u8 = 0x01;
 const SERIAL_NUMBER: u8 = 0x02;
@@ -76,7 +76,7 @@ pub(crate) struct Rft {
     streaming: Option<Cadence>,
     bias: [f64; 6],
     overloads: [u8; 6],
-    filtered: Option<[f64; 6]>,
+    low_pass: LowPass,
 }
 
 impl Rft {
@@ -106,7 +106,7 @@ impl Rft {
             streaming: None,
             bias: [0.0; 6],
             overloads: [0; 6],
-            filtered: None,
+            low_pass: LowPass::default(),
         }
     }
 
@@ -124,7 +124,7 @@ impl Rft {
     fn start(&mut self, at: SimNanos) {
         let rate = self.rate_hz();
         let first = at + self.clock.host_ns(1.0 / rate) as SimNanos;
-        self.filtered = None;
+        self.low_pass = LowPass::default();
         self.streaming = Some(Cadence::starting(first, rate, &self.clock));
     }
 
@@ -169,11 +169,7 @@ impl Rft {
         else {
             return fresh;
         };
-        let weight = 1.0 - (-std::f64::consts::TAU * cut_off / self.rate_hz()).exp();
-        let past = self.filtered.unwrap_or(fresh);
-        let smooth = std::array::from_fn(|axis| past[axis] + weight * (fresh[axis] - past[axis]));
-        self.filtered = Some(smooth);
-        smooth
+        self.low_pass.smooth(fresh, *cut_off, self.rate_hz())
     }
 
     /// Executes a command; the response, where the manual gives one.

@@ -1,6 +1,7 @@
 //! World, person and devices on one time line, moved on by the caller.
 
 mod fitted;
+mod sensor;
 pub(crate) mod slot;
 
 use std::time::Duration;

@@ -53,6 +53,21 @@ impl WrenchSensor {
     }
 }
 
+/// A sensor's own first-order filter, at its output rate.
+#[derive(Debug, Default)]
+pub(crate) struct LowPass(Option<[f64; 6]>);
+
+impl LowPass {
+    /// Takes the next sample in.
+    pub(crate) fn smooth(&mut self, fresh: [f64; 6], cut_off_hz: f64, rate_hz: f64) -> [f64; 6] {
+        let weight = 1.0 - (-std::f64::consts::TAU * cut_off_hz / rate_hz).exp();
+        let past = self.0.unwrap_or(fresh);
+        let smooth = std::array::from_fn(|axis| past[axis] + weight * (fresh[axis] - past[axis]));
+        self.0 = Some(smooth);
+        smooth
+    }
+}
+
 fn signed(random: &mut Random, least: f64, most: f64) -> f64 {
     let size = random.uniform(least, most);
     if random.uniform(0.0, 1.0) < 0.5 {

@@ -23,6 +23,7 @@ pub mod crc;
 pub mod dynamixel2;
 pub mod error;
 pub mod frames;
+pub mod optoforce_hex;
 pub mod pose_stream;
 pub mod robotous_rft;
 pub mod stream;

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use ft_drivers::{Clock, MonotonicClock};
+use ft_sim_hw::scenario::{SensorDriver, SensorSpec};
 use ft_sim_hw::sealed::Mechanisms;
 use ft_sim_hw::{
     Bus, Port, Scenario, ScenarioError, SealedDraw, SealedError, SealedOptions, ServeError,
@@ -20,6 +21,7 @@ Examples:
   ft-sim-hw scenarios
   ft-sim-hw serve wood_door
   ft-sim-hw serve oven_door --vcan vcan0 --seed 7
+  ft-sim-hw serve wood_door --sensor optoforce_serial
   ft-sim-hw serve my_door.toml --duration 30 --truth truth.json
   ft-sim-hw sealed --seed 1000 --count 20 -o draws
   ft-capture --sim draws/0001/main.toml --speed max -o main.mcap
@@ -43,6 +45,9 @@ enum Command {
         /// Draws everything that is random.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Another force-torque sensor than the scenario's.
+        #[arg(long, value_name = "DRIVER", value_parser = SensorDriver::names())]
+        sensor: Option<String>,
         /// Seconds that the person takes in all; by default as long as a minute of probing takes.
         #[arg(long, value_name = "SECONDS", value_parser = seconds)]
         duration: Option<Duration>,
@@ -112,10 +117,17 @@ fn main() -> ExitCode {
         Command::Serve {
             scenario,
             seed,
+            sensor,
             duration,
             vcan,
             truth,
-        } => serve(&scenario, seed, duration, vcan, truth),
+        } => Scenario::load(&scenario)
+            .map(|scenario| with_sensor(scenario, sensor.as_deref()))
+            .map_err(|error| match error {
+                ScenarioError::UnknownName { .. } => (2, error.to_string()),
+                _ => failed(&error),
+            })
+            .and_then(|scenario| serve(&scenario, seed, duration, vcan, truth)),
     };
     match result {
         Ok(code) => code,
@@ -190,23 +202,26 @@ fn sealed(arguments: &Sealed) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
+fn with_sensor(mut scenario: Scenario, driver: Option<&str>) -> Scenario {
+    if let Some(sensor) = driver.and_then(SensorSpec::of) {
+        scenario.sensor = sensor;
+    }
+    scenario
+}
+
 fn serve(
-    scenario: &str,
+    scenario: &Scenario,
     seed: u64,
     duration: Option<Duration>,
     vcan: Option<String>,
     truth: Option<PathBuf>,
 ) -> Outcome {
-    let scenario = Scenario::load(scenario).map_err(|error| match error {
-        ScenarioError::UnknownName { .. } => (2, error.to_string()),
-        _ => failed(&error),
-    })?;
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, interrupted.clone()).map_err(|error| failed(&error))?;
     }
     let clock = MonotonicClock::anchored_now();
-    let mut server = Server::start(&scenario, seed, duration, clock, ServeOptions { vcan })
+    let mut server = Server::start(scenario, seed, duration, clock, ServeOptions { vcan })
         .map_err(|error| match error {
             ServeError::Scenario(ScenarioError::TooShort { .. }) => (2, error.to_string()),
             _ => failed(&error),
@@ -214,7 +229,7 @@ fn serve(
     if let Some(path) = &truth {
         write_truth(path, &server)?;
     }
-    print_ports(&scenario, &server);
+    print_ports(scenario, &server);
     let mut over = false;
     while !interrupted.load(Ordering::Relaxed) {
         for (at, mark) in server.drain_marks() {

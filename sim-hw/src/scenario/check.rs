@@ -3,6 +3,7 @@
 mod effect;
 
 use super::{JointKind, MechanismSpec, Scenario, ScenarioError, SensorDriver, StrutSpec};
+use crate::optoforce;
 use crate::robotous::Model;
 
 fn refuse<T>(
@@ -128,6 +129,15 @@ impl Scenario {
         let sensor = &self.sensor;
         match sensor.driver {
             SensorDriver::BotaSerial => within("sensor.rate_hz", sensor.rate_hz, 12.5, 1000.0)?,
+            SensorDriver::OptoforceSerial | SensorDriver::OptoforceCan => {
+                if !optoforce::has_rate(sensor.rate_hz) {
+                    return refuse(
+                        "sensor.rate_hz",
+                        sensor.rate_hz,
+                        format!("one of {}", optoforce::rates_text()),
+                    );
+                }
+            }
             SensorDriver::RobotousCan | SensorDriver::RobotousUart => {
                 let Some(model) = Model::named(&sensor.model) else {
                     return refuse(

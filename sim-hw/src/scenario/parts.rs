@@ -257,6 +257,35 @@ pub enum SensorDriver {
     RobotousCan,
     /// Robotous RFT on UART.
     RobotousUart,
+    /// OptoForce or OnRobot HEX, six axes, on USB or UART.
+    OptoforceSerial,
+    /// OptoForce or OnRobot HEX, six axes, on CAN.
+    OptoforceCan,
+}
+
+impl SensorDriver {
+    /// All, with the name in files, and a model and a rate that the sensor has.
+    const ALL: [(Self, &str, &str, f64); 5] = [
+        (Self::BotaSerial, "bota_serial", "BFT-SENS-SER-M8", 800.0),
+        (Self::RobotousCan, "robotous_can", "RFT64-SB01", 1000.0),
+        (Self::RobotousUart, "robotous_uart", "RFT64-SB01", 1000.0),
+        (Self::OptoforceSerial, "optoforce_serial", "HEX-E", 1000.0),
+        (Self::OptoforceCan, "optoforce_can", "HEX-E", 1000.0),
+    ];
+
+    /// As in files, and as the driver that takes it is named.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        let mut all = Self::ALL.into_iter();
+        all.find(|(driver, ..)| *driver == self)
+            .map_or("bota_serial", |(_, name, ..)| name)
+    }
+
+    /// The names of all.
+    #[must_use]
+    pub fn names() -> Vec<&'static str> {
+        Self::ALL.into_iter().map(|(_, name, ..)| name).collect()
+    }
 }
 
 /// `[sensor]`: the wrist force-torque sensor.
@@ -290,6 +319,27 @@ pub struct SensorSpec {
     /// Its clock.
     #[serde(default)]
     pub clock: ClockSpec,
+}
+
+impl SensorSpec {
+    /// The sensor named `driver`, at a rate and of a model that it has, with the usual noise; `None` when there is none.
+    #[must_use]
+    pub fn of(driver: &str) -> Option<Self> {
+        let mut all = SensorDriver::ALL.into_iter();
+        let (driver, _, model, rate_hz) = all.find(|(_, name, ..)| *name == driver)?;
+        Some(Self {
+            driver,
+            model: model.to_owned(),
+            rate_hz,
+            force_noise_n: force_noise(),
+            torque_noise_nm: torque_noise(),
+            force_bias_n: force_bias(),
+            torque_bias_nm: torque_bias(),
+            force_drift_n_per_min: force_drift(),
+            already_streaming: false,
+            clock: ClockSpec::default(),
+        })
+    }
 }
 
 fn force_noise() -> f64 {

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use ft_wire::{CanFrame, Chunk};
+use ft_wire::Chunk;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
+use super::sensor;
 use super::slot::{Slot, SlotKind, Wired};
-use crate::bota_serial::{self, BotaSerial};
 use crate::bus::{Bus, Carried, Line, Port, TimeSource};
 use crate::clock::DeviceClock;
 use crate::device::Played;
@@ -16,10 +16,7 @@ use crate::dynamixel::Dynamixel;
 use crate::pose_stream::{self, PoseStream};
 use crate::pose_tracker::PoseTracker;
 use crate::random::{Random, Stream};
-use crate::robotous::can::{self, RobotousCan};
-use crate::robotous::uart::RobotousUart;
-use crate::robotous::{self, Interface, Model, Rft};
-use crate::scenario::{Scenario, SensorDriver};
+use crate::scenario::Scenario;
 use crate::tool::Tool;
 use crate::truth::{ClockTruth, SensorTruth};
 use crate::wrench_sensor::WrenchSensor;
@@ -30,6 +27,8 @@ use crate::wrench_sensor::WrenchSensor;
 pub enum SettingValue {
     /// A number, in the unit that the key names.
     Number(f64),
+    /// Several, x y z.
+    Numbers(Vec<f64>),
     /// A text.
     Text(String),
 }
@@ -39,7 +38,7 @@ pub enum SettingValue {
 pub struct Fitted {
     /// `ft_sensor`, `gripper` or `aria`.
     pub name: String,
-    /// `bota_serial`, `robotous_can`, `robotous_uart`, `dynamixel` or `pose_stream`.
+    /// The driver that takes it, as the configuration of `ft-capture` names it.
     pub driver: &'static str,
     /// What it hangs on.
     pub bus: Bus,
@@ -150,8 +149,8 @@ pub(super) fn build(
         ],
     );
     let slots = vec![
-        sensor_slot(
-            scenario,
+        sensor::slot(
+            &scenario.sensor,
             gauges,
             sensor_clock,
             Random::new(seed, Stream::SensorLine),
@@ -181,88 +180,15 @@ pub(super) fn build(
     (slots, (sensor_truth, clocks))
 }
 
-fn sensor_slot(
-    scenario: &Scenario,
-    gauges: WrenchSensor,
-    clock: DeviceClock,
-    random: Random,
-    time: &TimeSource,
-) -> Slot {
-    let spec = &scenario.sensor;
-    let rate = number("rate_hz", spec.rate_hz);
-    let model = Model::named(&spec.model);
-    let rft = |gauges, interface, model: Model| {
-        let rft = Rft::new(model, gauges, clock, interface);
-        if spec.already_streaming {
-            rft.left_streaming(spec.rate_hz)
-        } else {
-            rft
-        }
-    };
-    let scale = |model: Model| {
-        [
-            rate.clone(),
-            number("force_counts_per_newton", model.counts_per_newton),
-            number(
-                "torque_counts_per_newton_metre",
-                model.counts_per_newton_metre,
-            ),
-        ]
-    };
-    match (spec.driver, model) {
-        (SensorDriver::RobotousCan, Some(model)) => {
-            let settings = scale(model).into_iter().collect();
-            let bus = Bus::Can {
-                bitrate_bps: can::BITRATE_BPS,
-            };
-            let fitted = Fitted {
-                name: "ft_sensor".to_owned(),
-                driver: "robotous_can",
-                bus,
-                settings,
-            };
-            let device = RobotousCan::new(rft(gauges, Interface::Can, model));
-            let wired = wire::<CanFrame>(&fitted.name, can::BITRATE_BPS, device, random, time);
-            Slot {
-                fitted,
-                kind: SlotKind::Can(wired),
-            }
-        }
-        (SensorDriver::RobotousUart, Some(model)) => {
-            let baud = robotous::baud_for(model.rate_code(spec.rate_hz).unwrap_or(0));
-            let interface = Interface::Uart {
-                baud_code: robotous::baud_code(baud).unwrap_or(0),
-            };
-            let fitted = serial("ft_sensor", "robotous_uart", baud, scale(model));
-            serial_slot(
-                fitted,
-                RobotousUart::new(rft(gauges, interface, model)),
-                random,
-                time,
-            )
-        }
-        // A scenario whose Robotous model is unknown does not pass the check.
-        (SensorDriver::BotaSerial, _) | (_, None) => {
-            let fitted = serial("ft_sensor", "bota_serial", bota_serial::BAUD_BPS, [rate]);
-            serial_slot(
-                fitted,
-                BotaSerial::new(gauges, clock, spec.rate_hz),
-                random,
-                time,
-            )
-        }
-    }
-}
-
-fn number(key: &str, value: f64) -> (String, SettingValue) {
+pub(super) fn number(key: &str, value: f64) -> (String, SettingValue) {
     (key.to_owned(), SettingValue::Number(value))
 }
 
-fn serial<const N: usize>(
+pub(super) fn serial(
     name: &str,
     driver: &'static str,
     baud_bps: u32,
-    settings: [(String, SettingValue); N],
+    settings: impl IntoIterator<Item = (String, SettingValue)>,
 ) -> Fitted {
     Fitted {
         name: name.to_owned(),
@@ -272,7 +198,7 @@ fn serial<const N: usize>(
     }
 }
 
-fn serial_slot(
+pub(super) fn serial_slot(
     fitted: Fitted,
     device: impl Played<Chunk> + 'static,
     random: Random,
@@ -282,22 +208,28 @@ fn serial_slot(
         Bus::Serial { baud_bps } => baud_bps,
         Bus::Can { bitrate_bps } => bitrate_bps,
     };
-    let wired = wire::<Chunk>(&fitted.name, bits_per_second, device, random, time);
+    let wired = wire::<Chunk>(
+        &fitted.name,
+        bits_per_second,
+        Box::new(device),
+        random,
+        time,
+    );
     Slot {
         fitted,
         kind: SlotKind::Serial(wired),
     }
 }
 
-fn wire<F: Carried>(
+pub(super) fn wire<F: Carried>(
     name: &str,
     bits_per_second: u32,
-    device: impl Played<F> + 'static,
+    device: Box<dyn Played<F>>,
     random: Random,
     time: &TimeSource,
 ) -> Wired<F> {
     Wired {
-        device: Box::new(device),
+        device,
         port: Arc::new(Port::new(
             &format!("simulated {name}"),
             bits_per_second,

@@ -1,0 +1,307 @@
+//! The stages that drivers of streaming sensors share; what they ask is their own.
+//!
+//! ```text
+//! stop -> drain (quiet) -> the device's questions, one after another -> stream
+//!      a question unanswered three times, or a stream that falls silent -> Lost -> wait -> stop
+//! ```
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::time::Duration;
+
+use ft_wire::HostTime;
+
+use crate::options::Startup;
+use crate::reading::{DeviceEvent, Quality, Reading, WrenchReading};
+
+/// How often a question is asked before the device counts as lost.
+const ATTEMPTS: u8 = 3;
+/// Room for readings, so that a stream allocates nothing.
+const READINGS: usize = 32;
+
+/// How long the stages wait.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Timing {
+    pub(crate) startup: Startup,
+    /// Silence that ends the draining of a stopped stream.
+    pub(crate) quiet: Duration,
+    /// A stream that goes on after a stop is stopped again after this.
+    pub(crate) drain_limit: Duration,
+    pub(crate) answer_timeout: Duration,
+    pub(crate) silence_timeout: Duration,
+    pub(crate) retry_after: Duration,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State<Q> {
+    Idle,
+    Draining {
+        quiet_at: HostTime,
+        give_up_at: HostTime,
+    },
+    Asking {
+        question: Q,
+        attempt: u8,
+        deadline: HostTime,
+    },
+    Listening(HostTime),
+    Streaming(HostTime),
+    Waiting(HostTime),
+}
+
+/// What a timeout brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Due<Q> {
+    /// Nothing for the device to do.
+    Nothing,
+    /// A new attempt began: forget the stream before.
+    Began,
+    /// The line is quiet: ask.
+    Drained,
+    /// A question stayed unanswered that need not be answered.
+    Unanswered(Q),
+    /// The device was called lost.
+    Lost,
+}
+
+/// Where a device stands, and what goes out: questions `Q` to the line, readings to the caller.
+#[derive(Debug)]
+pub(crate) struct Stages<Q> {
+    timing: Timing,
+    /// What to look at when nothing answers.
+    checks: &'static str,
+    stop: Q,
+    optional: Option<Q>,
+    state: State<Q>,
+    outgoing: Option<Q>,
+    stops: u8,
+    unread: u64,
+    warned: u32,
+    received: u64,
+    readings: VecDeque<Reading>,
+}
+
+impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
+    pub(crate) fn new(timing: Timing, stop: Q, checks: &'static str) -> Self {
+        Self {
+            timing,
+            checks,
+            stop,
+            optional: None,
+            state: State::Idle,
+            outgoing: None,
+            stops: 0,
+            unread: 0,
+            warned: 0,
+            received: 0,
+            readings: VecDeque::with_capacity(READINGS),
+        }
+    }
+
+    /// A question whose answer may be missing: after the attempts it is [`Due::Unanswered`].
+    pub(crate) fn with_optional(mut self, question: Q) -> Self {
+        self.optional = Some(question);
+        self
+    }
+
+    pub(crate) const fn is_streaming(&self) -> bool {
+        matches!(self.state, State::Streaming(_))
+    }
+
+    pub(crate) const fn received(&self) -> u64 {
+        self.received
+    }
+
+    pub(crate) fn awaits(&self, wanted: Q) -> bool {
+        matches!(self.state, State::Asking { question, .. } if question == wanted)
+    }
+
+    /// Something came, whatever it was.
+    pub(crate) fn on_traffic(&mut self, at: HostTime) {
+        self.unread += 1;
+        if let State::Draining { quiet_at, .. } = &mut self.state {
+            *quiet_at = at + self.timing.quiet;
+        }
+    }
+
+    pub(crate) fn ask(&mut self, question: Q, now: HostTime) {
+        self.unread = 0;
+        self.attempt(question, 1, now);
+    }
+
+    fn attempt(&mut self, question: Q, attempt: u8, now: HostTime) {
+        self.outgoing = Some(question);
+        self.state = State::Asking {
+            question,
+            attempt,
+            deadline: now + self.timing.answer_timeout,
+        };
+    }
+
+    /// Whether a sample that came is one of the stream; the first one after `start` was asked begins it.
+    pub(crate) fn admits_sample(&mut self, start: Option<Q>, at: HostTime) -> bool {
+        match self.state {
+            State::Streaming(_) => {}
+            State::Asking { question, .. } if Some(question) == start => self.begin(at),
+            State::Listening(_) => self.begin(at),
+            // A stream that is being stopped.
+            _ => return false,
+        }
+        self.state = State::Streaming(at + self.timing.silence_timeout);
+        true
+    }
+
+    fn begin(&mut self, at: HostTime) {
+        self.outgoing = None;
+        self.tell(DeviceEvent::Streaming, at);
+    }
+
+    /// The questions are answered; the first sample is awaited.
+    pub(crate) fn await_sample(&mut self, now: HostTime) {
+        self.state = State::Listening(now + self.timing.silence_timeout);
+    }
+
+    pub(crate) fn deliver(&mut self, reading: WrenchReading) {
+        self.received += 1;
+        self.readings.push_back(Reading::Wrench(reading));
+    }
+
+    /// Each bad bit once per stream: the bits of `status` that were not seen before.
+    pub(crate) fn fresh_bits(&mut self, status: u32) -> u32 {
+        let fresh = status & !self.warned;
+        self.warned |= status;
+        fresh
+    }
+
+    /// Warns of overloaded axes, 0x20 Fx to 0x01 Tz, each once per stream.
+    pub(crate) fn warn_of_overload(&mut self, overload: u32, at: HostTime) {
+        let fresh = self.fresh_bits(overload);
+        if fresh != 0 {
+            let names = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"];
+            let over: Vec<_> = (0..6)
+                .zip(names)
+                .filter(|(axis, _)| fresh & (0x20 >> axis) != 0)
+                .map(|(_, name)| name)
+                .collect();
+            let text = format!("{} overloaded: unload the sensor", over.join(" "));
+            self.warn(text, at);
+        }
+    }
+
+    pub(crate) fn tell(&mut self, event: DeviceEvent, at: HostTime) {
+        self.readings.push_back(Reading::Event { at, event });
+    }
+
+    pub(crate) fn warn(&mut self, text: String, at: HostTime) {
+        self.tell(DeviceEvent::Warning { text }, at);
+    }
+
+    pub(crate) fn lose(&mut self, reason: String, now: HostTime) {
+        self.tell(DeviceEvent::Lost { reason }, now);
+        self.outgoing = None;
+        self.state = match self.timing.startup {
+            Startup::Configure => State::Waiting(now + self.timing.retry_after),
+            Startup::Listen => State::Listening(HostTime::FAR_FUTURE),
+        };
+    }
+
+    pub(crate) fn handle_timeout(&mut self, now: HostTime) -> Due<Q> {
+        match self.state {
+            State::Idle => self.start(now),
+            State::Waiting(until) if now >= until => self.start(now),
+            State::Draining { give_up_at, .. } if now >= give_up_at => {
+                if self.stops < ATTEMPTS {
+                    self.send_stop(now);
+                    return Due::Nothing;
+                }
+                let checks = self.checks;
+                self.lost(
+                    format!("stop was sent {ATTEMPTS} times, samples still come: {checks}"),
+                    now,
+                )
+            }
+            State::Draining { quiet_at, .. } if now >= quiet_at => Due::Drained,
+            State::Asking {
+                question,
+                attempt,
+                deadline,
+            } if now >= deadline => self.unanswered(question, attempt, now),
+            State::Listening(deadline) | State::Streaming(deadline) if now >= deadline => {
+                let (silence, checks) = (self.timing.silence_timeout, self.checks);
+                self.lost(format!("no sample for {silence:?}: {checks}"), now)
+            }
+            _ => Due::Nothing,
+        }
+    }
+
+    fn unanswered(&mut self, question: Q, attempt: u8, now: HostTime) -> Due<Q> {
+        if attempt < ATTEMPTS {
+            self.attempt(question, attempt + 1, now);
+            return Due::Nothing;
+        }
+        if self.optional == Some(question) {
+            return Due::Unanswered(question);
+        }
+        let (timeout, unread, checks) = (self.timing.answer_timeout, self.unread, self.checks);
+        self.lost(
+            format!(
+                "{question:?} was not answered within {timeout:?}, {ATTEMPTS} times, while {unread} pieces came that \
+                 mean nothing: {checks}"
+            ),
+            now,
+        )
+    }
+
+    fn lost(&mut self, reason: String, now: HostTime) -> Due<Q> {
+        self.lose(reason, now);
+        Due::Lost
+    }
+
+    fn start(&mut self, now: HostTime) -> Due<Q> {
+        self.tell(DeviceEvent::Starting, now);
+        (self.stops, self.warned, self.unread) = (0, 0, 0);
+        match self.timing.startup {
+            Startup::Configure => self.send_stop(now),
+            Startup::Listen => self.await_sample(now),
+        }
+        Due::Began
+    }
+
+    fn send_stop(&mut self, now: HostTime) {
+        self.stops += 1;
+        self.outgoing = Some(self.stop);
+        self.state = State::Draining {
+            quiet_at: now + self.timing.quiet,
+            give_up_at: now + self.timing.drain_limit,
+        };
+    }
+
+    pub(crate) fn poll_timeout(&self) -> HostTime {
+        match self.state {
+            State::Idle => HostTime::EPOCH,
+            State::Draining {
+                quiet_at,
+                give_up_at,
+            } => quiet_at.min(give_up_at),
+            State::Asking { deadline, .. } => deadline,
+            State::Listening(at) | State::Streaming(at) | State::Waiting(at) => at,
+        }
+    }
+
+    pub(crate) fn poll_transmit(&mut self) -> Option<Q> {
+        self.outgoing.take()
+    }
+
+    pub(crate) fn poll_reading(&mut self) -> Option<Reading> {
+        self.readings.pop_front()
+    }
+}
+
+/// Quality by what a status says.
+pub(crate) const fn quality(invalid: bool, overrange: bool) -> Quality {
+    match (invalid, overrange) {
+        (true, _) => Quality::Invalid,
+        (false, true) => Quality::Overrange,
+        (false, false) => Quality::Good,
+    }
+}

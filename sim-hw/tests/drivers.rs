@@ -1,0 +1,195 @@
+//! Every simulated device, read by its driver: bytes written from the maker's document on one side, read on the other.
+#![allow(clippy::unwrap_used)]
+
+use std::time::Duration;
+
+use ft_drivers::device::Counted;
+use ft_drivers::pump::{Outlet, Pump, Turn};
+use ft_drivers::reading::{Counts, DeviceEvent, Reading};
+use ft_drivers::robotous::Scale as RftScale;
+use ft_drivers::{
+    Device, Link, RxStamps, SteppedClock, bota_serial, optoforce, optoforce_can, optoforce_serial,
+    robotous, robotous_can, robotous_uart,
+};
+use ft_sim_hw::scenario::{SensorDriver, SensorSpec};
+use ft_sim_hw::{Scenario, SettingValue, Simulation};
+use ft_wire::HostTime;
+
+const START: HostTime = HostTime::from_nanos(1_750_000_000_000_000_000);
+/// The gripper is held still in free air for this long.
+const STILL: Duration = Duration::from_millis(1_900);
+const WEIGHT_N: f64 = 0.49 * 9.80665;
+
+#[derive(Default)]
+struct Kept(Vec<Reading>);
+
+impl<F> Outlet<F> for Kept {
+    fn frame(&mut self, _frame: &F, _stamps: RxStamps) {}
+    fn reading(&mut self, reading: Reading) {
+        self.0.push(reading);
+    }
+}
+
+/// Turns driver and simulation together while the gripper is still.
+fn read<D, L>(simulation: &mut Simulation, device: D, link: L) -> (Counts, Vec<Reading>)
+where
+    D: Device<Reading = Reading> + Counted,
+    L: Link<Frame = D::Frame>,
+{
+    let clock = SteppedClock::new(START);
+    let mut pump = Pump::new(device, link);
+    let mut kept = Kept::default();
+    let mut now = START;
+    while now < START + STILL {
+        now = now + Duration::from_millis(1);
+        simulation.advance_to(now);
+        clock.advance_to(now);
+        while pump.turn(&clock, now, &mut kept).unwrap() == Turn::Frame {}
+    }
+    (pump.counts(), kept.0)
+}
+
+/// A setting of the fitted sensor, as an operator would type it.
+fn numbers<const N: usize>(simulation: &Simulation, key: &str) -> [f64; N] {
+    let fitted = &simulation.fitted()[0];
+    let values = match &fitted.settings[key] {
+        SettingValue::Number(number) => vec![*number],
+        SettingValue::Numbers(numbers) => numbers.clone(),
+        SettingValue::Text(text) => panic!("{key} is {text}"),
+    };
+    values.try_into().unwrap()
+}
+
+fn hex_config(simulation: &Simulation) -> optoforce::Config {
+    let scale = optoforce::Scale {
+        counts_per_newton: numbers(simulation, "force_counts_per_newton"),
+        counts_per_newton_metre: numbers(simulation, "torque_counts_per_newton_metre"),
+    };
+    optoforce::Config {
+        rate_hz: 1000,
+        ..optoforce::Config::new(scale)
+    }
+}
+
+fn rft_config(simulation: &Simulation) -> robotous::Config {
+    let [counts_per_newton] = numbers(simulation, "force_counts_per_newton");
+    let [counts_per_newton_metre] = numbers(simulation, "torque_counts_per_newton_metre");
+    robotous::Config {
+        rate_hz: 1000,
+        scale: RftScale {
+            counts_per_newton,
+            counts_per_newton_metre,
+        },
+        ..robotous::Config::default()
+    }
+}
+
+fn sensor(driver: &str) -> (Simulation, Counts, Vec<Reading>) {
+    let mut scenario = Scenario::builtin("wood_door").unwrap();
+    scenario.sensor = SensorSpec::of(driver).unwrap();
+    let mut simulation = Simulation::new(&scenario, 5, START, None).unwrap();
+    let serial = simulation.serial_link("ft_sensor");
+    let can = simulation.can_link("ft_sensor");
+    let simulated = &mut simulation;
+    let (counts, readings) = match driver {
+        "bota_serial" => {
+            let device = bota_serial::BotaSerial::new(bota_serial::Config::default());
+            read(simulated, device, serial.unwrap())
+        }
+        "robotous_can" => {
+            let config = robotous_can::Config {
+                sensor: rft_config(simulated),
+                ..robotous_can::Config::default()
+            };
+            read(
+                simulated,
+                robotous_can::RobotousCan::new(config),
+                can.unwrap(),
+            )
+        }
+        "robotous_uart" => {
+            let config = robotous_uart::Config {
+                sensor: rft_config(simulated),
+                baud_bps: 921_600,
+            };
+            let device = robotous_uart::RobotousUart::new(config);
+            read(simulated, device, serial.unwrap())
+        }
+        "optoforce_serial" => {
+            let device = optoforce_serial::OptoforceSerial::new(hex_config(simulated));
+            read(simulated, device, serial.unwrap())
+        }
+        "optoforce_can" => {
+            let config = optoforce_can::Config::new(hex_config(simulated));
+            read(
+                simulated,
+                optoforce_can::OptoforceCan::new(config),
+                can.unwrap(),
+            )
+        }
+        other => panic!("{other}: no driver is tried here"),
+    };
+    (simulation, counts, readings)
+}
+
+#[test]
+fn every_simulated_sensor_is_read_right_by_its_driver() {
+    for driver in SensorDriver::names() {
+        let (simulation, counts, readings) = sensor(driver);
+        assert_eq!(
+            (
+                counts.gaps,
+                counts.refused,
+                counts.duplicated,
+                counts.skipped
+            ),
+            (0, 0, 0, 0),
+            "{driver}"
+        );
+        let wrenches: Vec<_> = readings
+            .iter()
+            .filter_map(|reading| match reading {
+                Reading::Wrench(wrench) => Some(wrench),
+                _ => None,
+            })
+            .collect();
+        let (first, last) = (wrenches.first().unwrap(), wrenches.last().unwrap());
+        let seconds = last.at.arrival.seconds_since(first.at.arrival);
+        let rate = SensorSpec::of(driver).unwrap().rate_hz;
+        let expected = seconds * rate;
+        assert!(
+            (wrenches.len() as f64 - expected).abs() < 0.01 * expected + 2.0,
+            "{driver}: {} samples in {seconds} s",
+            wrenches.len()
+        );
+        // Set-up takes what its drains and its writing at 5 ms a character take.
+        assert!(seconds > 0.9, "{driver}: samples for {seconds} s only");
+        let errors = simulation.truth().sensor_errors;
+        let mut mean = [0.0; 6];
+        for wrench in &wrenches {
+            for (axis, value) in wrench.wrench.to_array().into_iter().enumerate() {
+                mean[axis] += (value - errors.bias[axis]) / wrenches.len() as f64;
+            }
+        }
+        let weight = mean[..3]
+            .iter()
+            .map(|force| force * force)
+            .sum::<f64>()
+            .sqrt();
+        // A count of the coarsest axis is half a newton: its mean is off by less than half of that.
+        assert!((weight - WEIGHT_N).abs() < 0.25, "{driver}: {weight} N");
+        assert!(
+            mean[3..].iter().all(|torque| torque.abs() < 0.4),
+            "{driver}: {mean:?}"
+        );
+        for reading in &readings {
+            if let Reading::Event { event, .. } = reading {
+                let fine = !matches!(
+                    event,
+                    DeviceEvent::Lost { .. } | DeviceEvent::Warning { .. }
+                );
+                assert!(fine, "{driver}: {event:?}");
+            }
+        }
+    }
+}
