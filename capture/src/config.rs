@@ -67,6 +67,12 @@ pub enum Driver {
     OptoforceSerial,
     /// OptoForce or OnRobot HEX over CAN.
     OptoforceCan,
+    /// Kunwei KWR75 over USB or RS-422.
+    KunweiKwr75,
+    /// Leptrino CFS or PFS over USB.
+    Leptrino,
+    /// ATI NETCANOEM over CAN.
+    AtiNetcanoem,
     /// A Dynamixel as the gripper's encoder.
     Dynamixel,
     /// A tracker that streams poses in our own format.
@@ -82,7 +88,10 @@ impl Driver {
             | Self::RobotousCan
             | Self::RobotousUart
             | Self::OptoforceSerial
-            | Self::OptoforceCan => "/ft/wrench",
+            | Self::OptoforceCan
+            | Self::KunweiKwr75
+            | Self::Leptrino
+            | Self::AtiNetcanoem => "/ft/wrench",
             Self::Dynamixel => "/gripper/joint_states",
             Self::PoseStream => "/aria/pose",
         }
@@ -97,6 +106,9 @@ impl Driver {
             Self::RobotousUart => "robotous_uart",
             Self::OptoforceSerial => "optoforce_serial",
             Self::OptoforceCan => "optoforce_can",
+            Self::KunweiKwr75 => "kunwei_kwr75",
+            Self::Leptrino => "leptrino",
+            Self::AtiNetcanoem => "ati_netcanoem",
             Self::Dynamixel => "dynamixel",
             Self::PoseStream => "pose_stream",
         }
@@ -111,6 +123,9 @@ impl Driver {
             Self::RobotousUart,
             Self::OptoforceSerial,
             Self::OptoforceCan,
+            Self::KunweiKwr75,
+            Self::Leptrino,
+            Self::AtiNetcanoem,
             Self::Dynamixel,
             Self::PoseStream,
         ]

@@ -1,14 +1,15 @@
 //! The drivers' own settings: `[device.settings]` of the configuration, checked, and the drivers made of them.
 
 mod optoforce;
+mod sensors;
 
 use ft_drivers::device::Counted;
 use ft_drivers::options::{Sign, Startup};
 use ft_drivers::reading::Reading;
 use ft_drivers::robotous::{self, Filter, Scale};
 use ft_drivers::{
-    Device as Protocol, bota_serial, dynamixel, optoforce_can, optoforce_serial, pose_stream,
-    robotous_can, robotous_uart,
+    Device as Protocol, ati_netcanoem, bota_serial, dynamixel, kunwei_kwr75, leptrino,
+    optoforce_can, optoforce_serial, pose_stream, robotous_can, robotous_uart,
 };
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::{CanIds, FilterSetting};
@@ -102,6 +103,28 @@ pub fn with_driver<U: DriverUser>(
                 .map_err(|what| wrong(device, what))?;
             let make = move || optoforce_can::OptoforceCan::new(config);
             Ok(user.can(make, vec![settings.data_id]))
+        }
+        Driver::KunweiKwr75 => {
+            let settings: sensors::Kunwei = read(device)?;
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
+            let make = move || kunwei_kwr75::KunweiKwr75::new(config);
+            Ok(user.serial(make, settings.baud_bps))
+        }
+        Driver::Leptrino => {
+            let settings: sensors::Leptrino = read(device)?;
+            let config = settings.config(startup);
+            let make = move || leptrino::Leptrino::new(config);
+            Ok(user.serial(make, settings.baud_bps))
+        }
+        Driver::AtiNetcanoem => {
+            let settings: sensors::Ati = read(device)?;
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
+            let make = move || ati_netcanoem::AtiNetcanoem::new(config);
+            Ok(user.can(make, settings.ids()))
         }
         Driver::Dynamixel => {
             let settings: DynamixelSettings = read(device)?;

@@ -76,11 +76,15 @@ fn transmission_us(device: &Fitted, driver: Driver) -> f64 {
         Driver::BotaSerial => serial(37.0),
         Driver::RobotousUart => serial(19.0),
         Driver::OptoforceSerial => serial(22.0),
+        Driver::KunweiKwr75 => serial(28.0),
+        Driver::Leptrino => serial(25.0),
         Driver::Dynamixel => serial(29.0),
         Driver::PoseStream => serial(74.0),
         // 47 bits and 8 for each byte of every frame with an 11-bit id, without stuffing.
         Driver::RobotousCan => can(2.0, 16.0),
         Driver::OptoforceCan => can(3.0, 22.0),
+        // Question and answer; the sample is taken when the question has come.
+        Driver::AtiNetcanoem => can(2.0, 14.0),
     }
 }
 

@@ -86,14 +86,28 @@ const fn can(vendor: u16, product: u16, name: &'static str, driver: &'static str
 /// # Source
 /// hardware.md 4.1 (the usb.ids list).
 pub const IDENTITIES: &[UsbIdentity] = &[
-    ftdi(0x6001, "FTDI FT232 (Bota, Robotous, Dynamixel adapters)"),
+    ftdi(
+        0x6001,
+        "FTDI FT232 (Bota, Robotous, Kunwei, Dynamixel adapters)",
+    ),
     ftdi(0x6010, "FTDI FT2232"),
     ftdi(0x6011, "FTDI FT4232"),
-    ftdi(0x6014, "FTDI FT232H (Bota, Robotous, Dynamixel adapters)"),
-    ftdi(0x6015, "FTDI FT-X (Bota, Robotous, Dynamixel adapters)"),
+    ftdi(
+        0x6014,
+        "FTDI FT232H (Bota, Robotous, Kunwei, Dynamixel adapters)",
+    ),
+    ftdi(
+        0x6015,
+        "FTDI FT-X (Bota, Robotous, Kunwei, Dynamixel adapters)",
+    ),
     serial(0x10C4, 0xEA60, "Silicon Labs CP210x", "cp210x"),
     serial(0x1A86, 0x7523, "WCH CH340", "ch341-uart"),
-    serial(0x0483, 0x5740, "STM32 virtual COM port", "cdc_acm"),
+    serial(
+        0x0483,
+        0x5740,
+        "STM32 virtual COM port (Leptrino)",
+        "cdc_acm",
+    ),
     serial(
         0x04D8,
         0x000A,

@@ -82,11 +82,20 @@ impl Framer {
     pub(crate) fn next<T>(
         &mut self,
         decode: impl Fn(&[u8]) -> Result<Parsed<T>, DecodeError>,
+        skipped: impl FnMut(u8),
+    ) -> Found<T> {
+        self.next_by_lock(|bytes, _| decode(bytes), skipped)
+    }
+
+    /// As [`Framer::next`], for frames that prove little by themselves: `decode` is told whether a frame ended right here.
+    pub(crate) fn next_by_lock<T>(
+        &mut self,
+        decode: impl Fn(&[u8], bool) -> Result<Parsed<T>, DecodeError>,
         mut skipped: impl FnMut(u8),
     ) -> Found<T> {
         loop {
             let rest = self.bytes.get(self.start..self.end).unwrap_or_default();
-            match decode(rest) {
+            match decode(rest, self.locked) {
                 Ok(Parsed::Complete { value, used }) => {
                     self.start = (self.start + used).min(self.end);
                     self.locked = true;

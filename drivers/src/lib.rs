@@ -13,12 +13,15 @@
     )
 )]
 
+pub mod ati_netcanoem;
 pub mod bota_serial;
 pub mod clock;
 pub mod device;
 pub mod discover;
 pub mod dynamixel;
 mod framer;
+pub mod kunwei_kwr75;
+pub mod leptrino;
 pub mod link;
 pub mod options;
 pub mod optoforce;

@@ -112,7 +112,8 @@ impl Protocol {
         };
         let period_ms = config.settings().map_or(1, |settings| settings.period_ms);
         Self {
-            stages: Stages::new(timing, STOP, checks).with_optional(Command::ReadSerialNumber),
+            stages: Stages::new(timing, Some(STOP), checks)
+                .with_optional(Command::ReadSerialNumber),
             config,
             period_ns: i64::from(period_ms) * 1_000_000,
             ticks: Unwrapper::new(16),
@@ -264,7 +265,7 @@ impl Protocol {
             }
             Due::Drained => self.stages.ask(Command::ReadSerialNumber, now),
             Due::Unanswered(_) => self.configure(now),
-            Due::Nothing | Due::Lost => {}
+            Due::Nothing | Due::Polled | Due::Lost => {}
         }
     }
 

@@ -1,9 +1,12 @@
-//! The stages that drivers of streaming sensors share; what they ask is their own.
+//! The stages that drivers share; what they ask is their own.
 //!
 //! ```text
 //! stop -> drain (quiet) -> the device's questions, one after another -> stream
 //!      a question unanswered three times, or a stream that falls silent -> Lost -> wait -> stop
 //! ```
+//!
+//! A polled device asks one more question every period instead of streaming; a poll without an answer is one gap, and too many
+//! in a row are a loss.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -46,7 +49,27 @@ enum State<Q> {
     },
     Listening(HostTime),
     Streaming(HostTime),
+    /// Between two polls.
+    Pausing {
+        next: HostTime,
+    },
+    /// A poll is out; the one after it is due at `next`.
+    Polling {
+        deadline: HostTime,
+        next: HostTime,
+    },
     Waiting(HostTime),
+}
+
+/// How a device is polled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Polling<Q> {
+    pub(crate) question: Q,
+    pub(crate) period: Duration,
+    /// Longest wait for an answer; longer than the longest delay of the line, or answers are taken for the next poll's.
+    pub(crate) timeout: Duration,
+    /// Unanswered polls in a row after which the device is lost.
+    pub(crate) lost_after: u32,
 }
 
 /// What a timeout brought.
@@ -60,6 +83,8 @@ pub(crate) enum Due<Q> {
     Drained,
     /// A question stayed unanswered that need not be answered.
     Unanswered(Q),
+    /// A poll goes out: forget what is left of the answer before.
+    Polled,
     /// The device was called lost.
     Lost,
 }
@@ -70,8 +95,12 @@ pub(crate) struct Stages<Q> {
     timing: Timing,
     /// What to look at when nothing answers.
     checks: &'static str,
-    stop: Q,
+    stop: Option<Q>,
     optional: Option<Q>,
+    polling: Option<Polling<Q>>,
+    polled: bool,
+    unanswered: u32,
+    missed: u64,
     state: State<Q>,
     outgoing: Option<Q>,
     stops: u8,
@@ -82,12 +111,16 @@ pub(crate) struct Stages<Q> {
 }
 
 impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
-    pub(crate) fn new(timing: Timing, stop: Q, checks: &'static str) -> Self {
+    pub(crate) fn new(timing: Timing, stop: Option<Q>, checks: &'static str) -> Self {
         Self {
             timing,
             checks,
             stop,
             optional: None,
+            polling: None,
+            polled: false,
+            unanswered: 0,
+            missed: 0,
             state: State::Idle,
             outgoing: None,
             stops: 0,
@@ -104,8 +137,28 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         self
     }
 
+    /// The device is polled once it is set up.
+    pub(crate) fn with_polling(mut self, polling: Polling<Q>) -> Self {
+        self.polling = Some(polling);
+        self
+    }
+
+    /// What is sent first at the next attempt; `None` for a device that has nothing to stop.
+    pub(crate) fn set_stop(&mut self, stop: Option<Q>) {
+        self.stop = stop;
+    }
+
     pub(crate) const fn is_streaming(&self) -> bool {
-        matches!(self.state, State::Streaming(_))
+        match self.state {
+            State::Streaming(_) => true,
+            State::Pausing { .. } | State::Polling { .. } => self.polled,
+            _ => false,
+        }
+    }
+
+    /// Polls without an answer.
+    pub(crate) const fn missed(&self) -> u64 {
+        self.missed
     }
 
     pub(crate) const fn received(&self) -> u64 {
@@ -149,6 +202,57 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         }
         self.state = State::Streaming(at + self.timing.silence_timeout);
         true
+    }
+
+    /// The questions are answered: polls begin.
+    pub(crate) fn begin_polling(&mut self, now: HostTime) {
+        (self.polled, self.unanswered) = (false, 0);
+        self.state = State::Pausing { next: now };
+    }
+
+    /// Whether the answer to a poll that came is one; a listener takes all.
+    pub(crate) fn admits_answer(&mut self, at: HostTime) -> bool {
+        let State::Polling { next, .. } = self.state else {
+            return self.timing.startup == Startup::Listen && self.admits_sample(None, at);
+        };
+        self.unanswered = 0;
+        if !core::mem::replace(&mut self.polled, true) {
+            self.begin(at);
+        }
+        self.state = State::Pausing { next };
+        true
+    }
+
+    fn poll(&mut self, polling: Polling<Q>, due: HostTime, now: HostTime) -> Due<Q> {
+        self.outgoing = Some(polling.question);
+        // Polls that are overdue are left out, not caught up.
+        let on_time = due + polling.period;
+        let next = if on_time > now {
+            on_time
+        } else {
+            now + polling.period
+        };
+        self.state = State::Polling {
+            deadline: now + polling.timeout,
+            next,
+        };
+        Due::Polled
+    }
+
+    fn miss(&mut self, polling: Polling<Q>, next: HostTime, now: HostTime) -> Due<Q> {
+        self.missed += u64::from(self.polled);
+        self.unanswered += 1;
+        if self.unanswered < polling.lost_after {
+            self.state = State::Pausing { next };
+            return Due::Nothing;
+        }
+        let (count, timeout, checks) = (self.unanswered, polling.timeout, self.checks);
+        self.lost(
+            format!(
+                "{count} questions in a row were left unanswered for {timeout:?} each: {checks}"
+            ),
+            now,
+        )
     }
 
     fn begin(&mut self, at: HostTime) {
@@ -225,16 +329,24 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
                 question,
                 attempt,
                 deadline,
-            } if now >= deadline => self.unanswered(question, attempt, now),
+            } if now >= deadline => self.not_answered(question, attempt, now),
             State::Listening(deadline) | State::Streaming(deadline) if now >= deadline => {
                 let (silence, checks) = (self.timing.silence_timeout, self.checks);
                 self.lost(format!("no sample for {silence:?}: {checks}"), now)
             }
+            State::Pausing { next } if now >= next => match self.polling {
+                Some(polling) => self.poll(polling, next, now),
+                None => Due::Nothing,
+            },
+            State::Polling { deadline, next } if now >= deadline => match self.polling {
+                Some(polling) => self.miss(polling, next, now),
+                None => Due::Nothing,
+            },
             _ => Due::Nothing,
         }
     }
 
-    fn unanswered(&mut self, question: Q, attempt: u8, now: HostTime) -> Due<Q> {
+    fn not_answered(&mut self, question: Q, attempt: u8, now: HostTime) -> Due<Q> {
         if attempt < ATTEMPTS {
             self.attempt(question, attempt + 1, now);
             return Due::Nothing;
@@ -269,7 +381,7 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
 
     fn send_stop(&mut self, now: HostTime) {
         self.stops += 1;
-        self.outgoing = Some(self.stop);
+        self.outgoing = self.stop;
         self.state = State::Draining {
             quiet_at: now + self.timing.quiet,
             give_up_at: now + self.timing.drain_limit,
@@ -283,7 +395,8 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
                 quiet_at,
                 give_up_at,
             } => quiet_at.min(give_up_at),
-            State::Asking { deadline, .. } => deadline,
+            State::Asking { deadline, .. } | State::Polling { deadline, .. } => deadline,
+            State::Pausing { next } => next,
             State::Listening(at) | State::Streaming(at) | State::Waiting(at) => at,
         }
     }

@@ -26,6 +26,8 @@
 //! | Robotous | filter in the sensor's own fast loop | first-order filter at the output rate |
 //! | OptoForce | three axes, several sensors at a converter | one sensor of six axes |
 //! | OptoForce | filter in the sensor's own fast loop | first-order filter at the output rate |
+//! | Leptrino | FIR filter settings (A6, B6) | answered as unknown |
+//! | ATI | sixteen calibrations, ids and bit rate that can be set, diagnostics | one matrix under every number; not answered |
 //! | Dynamixel | moves when its torque is on | only senses; registers can be written |
 //! | Dynamixel | bulk read, fast sync read, reboot, factory reset | instruction error |
 //! | Dynamixel | half duplex with echo on some adapters | no echo |
@@ -34,6 +36,7 @@
 //! | gripper | pads and wrist give way | rigid grasp, unless a scenario's `[[undeclared]]` says otherwise |
 #![forbid(unsafe_code)]
 
+mod ati_netcanoem;
 mod bota_serial;
 pub mod bus;
 mod clock;
@@ -42,6 +45,8 @@ mod device;
 mod dynamixel;
 mod hold;
 mod jaw;
+mod kunwei_kwr75;
+mod leptrino;
 mod measurement;
 mod motion;
 mod optoforce;

@@ -8,8 +8,8 @@ use ft_drivers::pump::{Outlet, Pump, Turn};
 use ft_drivers::reading::{Counts, DeviceEvent, Reading};
 use ft_drivers::robotous::Scale as RftScale;
 use ft_drivers::{
-    Device, Link, RxStamps, SteppedClock, bota_serial, optoforce, optoforce_can, optoforce_serial,
-    robotous, robotous_can, robotous_uart,
+    Device, Link, RxStamps, SteppedClock, ati_netcanoem, bota_serial, kunwei_kwr75, leptrino,
+    optoforce, optoforce_can, optoforce_serial, robotous, robotous_can, robotous_uart,
 };
 use ft_sim_hw::scenario::{SensorDriver, SensorSpec};
 use ft_sim_hw::{Scenario, SettingValue, Simulation};
@@ -126,6 +126,18 @@ fn sensor(driver: &str) -> (Simulation, Counts, Vec<Reading>) {
                 optoforce_can::OptoforceCan::new(config),
                 can.unwrap(),
             )
+        }
+        "kunwei_kwr75" => {
+            let device = kunwei_kwr75::KunweiKwr75::new(kunwei_kwr75::Config::default());
+            read(simulated, device, serial.unwrap())
+        }
+        "leptrino" => {
+            let device = leptrino::Leptrino::new(leptrino::Config::default());
+            read(simulated, device, serial.unwrap())
+        }
+        "ati_netcanoem" => {
+            let device = ati_netcanoem::AtiNetcanoem::new(ati_netcanoem::Config::default());
+            read(simulated, device, can.unwrap())
         }
         other => panic!("{other}: no driver is tried here"),
     };

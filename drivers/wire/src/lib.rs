@@ -16,6 +16,7 @@
     )
 )]
 
+pub mod ati_netcanoem;
 pub mod bota_serial;
 mod bytes;
 pub mod can;
@@ -23,6 +24,8 @@ pub mod crc;
 pub mod dynamixel2;
 pub mod error;
 pub mod frames;
+pub mod kunwei_kwr75;
+pub mod leptrino;
 pub mod optoforce_hex;
 pub mod pose_stream;
 pub mod robotous_rft;

@@ -3,8 +3,8 @@
 mod effect;
 
 use super::{JointKind, MechanismSpec, Scenario, ScenarioError, SensorDriver, StrutSpec};
-use crate::optoforce;
 use crate::robotous::Model;
+use crate::{kunwei_kwr75, leptrino, optoforce};
 
 fn refuse<T>(
     key: &str,
@@ -129,6 +129,15 @@ impl Scenario {
         let sensor = &self.sensor;
         match sensor.driver {
             SensorDriver::BotaSerial => within("sensor.rate_hz", sensor.rate_hz, 12.5, 1000.0)?,
+            SensorDriver::KunweiKwr75 => {
+                let only = kunwei_kwr75::RATE_HZ;
+                within("sensor.rate_hz", sensor.rate_hz, only, only)?;
+            }
+            SensorDriver::Leptrino => {
+                let most = leptrino::MAX_RATE_HZ;
+                within("sensor.rate_hz", sensor.rate_hz, 1.0, most)?;
+            }
+            SensorDriver::AtiNetcanoem => within("sensor.rate_hz", sensor.rate_hz, 1.0, 800.0)?,
             SensorDriver::OptoforceSerial | SensorDriver::OptoforceCan => {
                 if !optoforce::has_rate(sensor.rate_hz) {
                     return refuse(

@@ -261,16 +261,25 @@ pub enum SensorDriver {
     OptoforceSerial,
     /// OptoForce or OnRobot HEX, six axes, on CAN.
     OptoforceCan,
+    /// Kunwei KWR75, serial.
+    KunweiKwr75,
+    /// Leptrino CFS or PFS on USB.
+    Leptrino,
+    /// ATI NETCANOEM on CAN.
+    AtiNetcanoem,
 }
 
 impl SensorDriver {
     /// All, with the name in files, and a model and a rate that the sensor has.
-    const ALL: [(Self, &str, &str, f64); 5] = [
+    const ALL: [(Self, &str, &str, f64); 8] = [
         (Self::BotaSerial, "bota_serial", "BFT-SENS-SER-M8", 800.0),
         (Self::RobotousCan, "robotous_can", "RFT64-SB01", 1000.0),
         (Self::RobotousUart, "robotous_uart", "RFT64-SB01", 1000.0),
         (Self::OptoforceSerial, "optoforce_serial", "HEX-E", 1000.0),
         (Self::OptoforceCan, "optoforce_can", "HEX-E", 1000.0),
+        (Self::KunweiKwr75, "kunwei_kwr75", "KWR75", 1000.0),
+        (Self::Leptrino, "leptrino", "PFS055YA251U6", 1200.0),
+        (Self::AtiNetcanoem, "ati_netcanoem", "NETCANOEM", 250.0),
     ];
 
     /// As in files, and as the driver that takes it is named.

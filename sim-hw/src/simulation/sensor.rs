@@ -4,10 +4,13 @@ use ft_wire::CanFrame;
 
 use super::fitted::{Fitted, SettingValue, number, serial, serial_slot, wire};
 use super::slot::{Slot, SlotKind};
+use crate::ati_netcanoem::{self, AtiNetcanoem};
 use crate::bota_serial::{self, BotaSerial};
 use crate::bus::{Bus, TimeSource};
 use crate::clock::DeviceClock;
 use crate::device::Played;
+use crate::kunwei_kwr75::{self, KunweiKwr75};
+use crate::leptrino::{self, Leptrino};
 use crate::optoforce::{self, Hex, OptoforceCan, OptoforceSerial};
 use crate::random::Random;
 use crate::robotous::can::{self, RobotousCan};
@@ -31,7 +34,7 @@ pub(super) fn slot(
     let driver = spec.driver.name();
     let rate = number("rate_hz", spec.rate_hz);
     let model = Model::named(&spec.model);
-    let on_can = |settings: Settings, bitrate_bps, device, random| {
+    let on_can = |settings: Settings, bitrate_bps, device: Box<dyn Played<CanFrame>>, random| {
         can_slot(driver, settings, bitrate_bps, device, random, time)
     };
     match (spec.driver, model) {
@@ -66,6 +69,20 @@ pub(super) fn slot(
                 Box::new(device),
                 random,
             )
+        }
+        (SensorDriver::KunweiKwr75, _) => {
+            let fitted = serial(NAME, driver, kunwei_kwr75::BAUD_BPS, []);
+            let device = KunweiKwr75::new(gauges, clock, spec.already_streaming);
+            serial_slot(fitted, device, random, time)
+        }
+        (SensorDriver::Leptrino, _) => {
+            let fitted = serial(NAME, driver, leptrino::BAUD_BPS, []);
+            let device = Leptrino::new(gauges, clock, spec.rate_hz, spec.already_streaming);
+            serial_slot(fitted, device, random, time)
+        }
+        (SensorDriver::AtiNetcanoem, _) => {
+            let device = Box::new(AtiNetcanoem::new(gauges));
+            on_can(vec![rate], ati_netcanoem::BITRATE_BPS, device, random)
         }
         // A scenario whose Robotous model is unknown does not pass the check.
         (SensorDriver::BotaSerial, _) | (_, None) => {
