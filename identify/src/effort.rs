@@ -35,6 +35,8 @@ pub struct JointEffort {
     pub samples: JointSamples,
     /// The axis with its final sense; `point` is the foot of the perpendicular from the first retained position.
     pub axis: ScrewAxis,
+    /// Where the tool holds the part at q = 0, m.
+    pub tool_position: Point3<f64>,
     /// Retained positions of the TCP, m.
     pub path: Vec<Point3<f64>>,
     /// What does no work.
@@ -115,6 +117,10 @@ pub fn joint_effort(
     }
     let origin = coordinate.q.first().copied().unwrap_or(0.0);
     let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
+    // Every held position, taken back to q = 0.
+    let taken_back = path.iter().zip(&q).map(|(p, q)| axis.motion(-q) * p);
+    let tool_position =
+        taken_back.map(|p| p.coords).sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let mut tau = vec![f64::NAN; q.len()];
     let mut nonwork = NonWork {
         force_rms_n: f64::NAN,
@@ -136,6 +142,7 @@ pub fn joint_effort(
     Ok(JointEffort {
         samples,
         axis,
+        tool_position: tool_position.into(),
         path,
         nonwork,
         acceleration_noise: coordinate.acceleration,

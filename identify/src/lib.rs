@@ -17,6 +17,7 @@ pub mod dynamics;
 pub mod effect;
 pub mod effort;
 pub mod error;
+pub mod export;
 pub mod filter;
 pub mod grasp;
 pub mod joint_graph;

@@ -216,6 +216,7 @@ fn identify_with(
             provenance,
         )
         .with_effects(TwinEffect::of(analysis))
+        .held_at(effort.tool_position)
     });
     let step = ((0.02 / tool.period) as usize).max(1);
     let path = effort.path.iter().step_by(step).copied().collect();

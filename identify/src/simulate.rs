@@ -4,7 +4,11 @@
 //! inside its step. At rest the joint stays while no effort is needed beyond dry friction ([`Evaluator::rest_band`]), so
 //! sticking is exact and nothing creeps.
 
+mod page;
+
 use crate::twin::{Evaluator, Outside};
+
+pub use page::{page, said};
 
 /// How to let go.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@
 mod evaluator;
 
 pub use evaluator::{Evaluator, Outside, Terms};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::dynamics::EffortModel;
@@ -17,6 +17,27 @@ use crate::spline::Basis;
 
 /// Name of the schema.
 pub const SCHEMA: &str = "ft-identify/twin/1";
+
+/// Why a file is no twin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TwinError {
+    /// No JSON of a twin's form.
+    #[error("not a twin: {0}; give the twin.json that ft-identify wrote")]
+    Json(serde_json::Error),
+    /// Another schema.
+    #[error("schema is `{found}`, this program reads `{SCHEMA}`")]
+    Schema {
+        /// The file's.
+        found: String,
+    },
+    /// Numbers that do not fit together.
+    #[error("not a whole twin: {what}")]
+    Content {
+        /// What is wrong.
+        what: &'static str,
+    },
+}
 
 /// The identified joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +68,9 @@ pub struct TwinJoint {
     pub axis_direction: Option<[f64; 3]>,
     /// A point on the axis, m.
     pub axis_point: Option<[f64; 3]>,
+    /// Where the tool held the part when the recording's coordinate was 0, m.
+    #[serde(default)]
+    pub tool_position: Option<[f64; 3]>,
     /// Probed range, rad or m.
     pub q_range: [f64; 2],
     /// The twin's coordinate is `sign * q + offset` of the recording's.
@@ -161,6 +185,7 @@ impl Twin {
                 kind,
                 axis_direction: axis.map(|axis| axis.direction.into_inner().into()),
                 axis_point: axis.map(|axis| axis.point.coords.into()),
+                tool_position: None,
                 q_range,
                 coordinate: Coordinate {
                     sign: 1.0,
@@ -189,6 +214,26 @@ impl Twin {
         self
     }
 
+    /// The twin with the place where the tool held the part at the recording's coordinate 0.
+    #[must_use]
+    pub fn held_at(mut self, tool_position: Point3<f64>) -> Self {
+        self.joint.tool_position = Some(tool_position.coords.into());
+        self
+    }
+
+    /// Where the tool holds the part at the twin's coordinate 0, m; nothing for a table.
+    #[must_use]
+    pub fn tool_at_zero(&self) -> Option<Point3<f64>> {
+        let joint = &self.joint;
+        let axis = ScrewAxis {
+            direction: Unit::new_normalize(Vector3::from(joint.axis_direction?)),
+            point: Point3::from(joint.axis_point?),
+            kind: joint.kind,
+        };
+        // From the twin's coordinate of the recording's 0 back to its own 0.
+        Some(axis.motion(-joint.coordinate.offset) * Point3::from(joint.tool_position?))
+    }
+
     /// The twin ready for evaluation.
     #[must_use]
     pub fn evaluator(&self) -> Evaluator {
@@ -208,6 +253,10 @@ impl Twin {
         twin.joint.axis_point = self
             .joint
             .axis_point
+            .map(|p| (name_from_old * Point3::from(p)).coords.into());
+        twin.joint.tool_position = self
+            .joint
+            .tool_position
             .map(|p| (name_from_old * Point3::from(p)).coords.into());
         twin
     }
@@ -233,6 +282,63 @@ impl Twin {
         };
         twin.joint.axis_direction = self.joint.axis_direction.map(|d| d.map(|v| s * v));
         twin
+    }
+
+    /// A twin from its JSON.
+    ///
+    /// # Errors
+    /// [`TwinError`].
+    pub fn from_json(text: &str) -> Result<Self, TwinError> {
+        let twin: Self = serde_json::from_str(text).map_err(TwinError::Json)?;
+        if twin.schema != SCHEMA {
+            return Err(TwinError::Schema { found: twin.schema });
+        }
+        twin.check()?;
+        Ok(twin)
+    }
+
+    /// What evaluation and export rely on: as many numbers as the sizes say, and intervals that are some.
+    fn check(&self) -> Result<(), TwinError> {
+        let wrong = |what: &'static str| Err(TwinError::Content { what });
+        let proper = |[low, high]: [f64; 2]| low.is_finite() && high.is_finite() && low < high;
+        if self.beta.names.len() != self.beta.values.len() {
+            return wrong("beta has not one value per name");
+        }
+        let [slowest, fastest] = self.domain.dq;
+        if !proper(self.domain.q)
+            || !proper(self.joint.q_range)
+            || !(slowest <= fastest && (fastest - slowest).is_finite())
+        {
+            return wrong("domain or q_range is no interval");
+        }
+        if self.joint.coordinate.sign.abs() != 1.0 || !self.joint.coordinate.offset.is_finite() {
+            return wrong("the sign of the coordinate is not 1 or -1, or its offset is no number");
+        }
+        let Some(mechanism) = &self.mechanism else {
+            return Ok(());
+        };
+        let load = &mechanism.load;
+        if !proper(load.interval)
+            || load.degree > 5
+            || load.coefficients.len() != load.pieces + load.degree
+        {
+            return wrong(
+                "the mechanism's load has not pieces + degree coefficients over an interval",
+            );
+        }
+        for surface in &mechanism.damping {
+            let sizes = [0, 1].map(|i| surface.pieces[i].saturating_add(surface.degree[i]));
+            if !proper(surface.interval_q)
+                || !proper(surface.interval_sqrt_speed)
+                || surface.degree.iter().any(|degree| *degree > 5)
+                || Some(surface.coefficients.len()) != sizes[0].checked_mul(sizes[1])
+            {
+                return wrong(
+                    "the mechanism's damping has not (pieces + degree) coefficients over each of two intervals",
+                );
+            }
+        }
+        Ok(())
     }
 
     /// The twin as JSON, indented.

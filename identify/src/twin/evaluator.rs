@@ -177,6 +177,30 @@ impl Evaluator {
         }
     }
 
+    /// Root mean square difference of the passive efforts (`ddq` = 0) of two twins over the domain that both have probed, over
+    /// that of `other`; nothing when there is none.
+    #[must_use]
+    pub fn difference(&self, other: &Self) -> Option<f64> {
+        const NODES: usize = 40;
+        let common = |a: [f64; 2], b: [f64; 2]| {
+            Some([a[0].max(b[0]), a[1].min(b[1])]).filter(|[low, high]| low < high)
+        };
+        let q = common(self.domain.q, other.domain.q)?;
+        let dq = common(self.domain.dq, other.domain.dq)?;
+        let node =
+            |i: usize, [low, high]: [f64; 2]| low + (i as f64 + 0.5) / NODES as f64 * (high - low);
+        let (mut left, mut all) = (0.0, 0.0);
+        for i in 0..NODES {
+            for j in 0..NODES {
+                let (q, dq) = (node(i, q), node(j, dq));
+                let effort = other.effort(q, dq, 0.0);
+                left += (self.effort(q, dq, 0.0) - effort).powi(2);
+                all += effort * effort;
+            }
+        }
+        Some((left / f64::max(all, f64::MIN_POSITIVE)).sqrt())
+    }
+
     /// Inertia, kg m^2 or kg; 0 when it was not identified.
     #[must_use]
     pub fn inertia(&self) -> f64 {

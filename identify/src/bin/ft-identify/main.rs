@@ -1,6 +1,9 @@
 //! `ft-identify`: joint, dynamics and twin from a recording, a table or a track.
 #![forbid(unsafe_code)]
 
+mod use_error;
+mod use_twin;
+
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,6 +22,9 @@ use ft_identify::track::{TrackError, TrackJoint, identify_track};
 use ft_recording::TopicMap;
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
+
+use use_error::UseError;
+use use_twin::{Compare, Export, Simulate};
 
 const EXAMPLES: &str = "Examples:
   ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
@@ -44,6 +50,12 @@ enum Command {
     Table(TableArguments),
     /// The joint alone, from a track of poses (3 or 7 columns per line, or CSV by header)
     Track(TrackArguments),
+    /// Lets a twin go: when does it arrive, or where does friction hold it
+    Simulate(Simulate),
+    /// A twin for a simulator: MJCF, URDF, USD, or its effort as ONNX
+    Export(Export),
+    /// Twins beside each other
+    Compare(Compare),
 }
 
 #[derive(Args)]
@@ -150,6 +162,9 @@ fn main() -> ExitCode {
     let outcome = match &arguments.command {
         Some(Command::Table(table)) => run_table(table),
         Some(Command::Track(track)) => run_track(track),
+        Some(Command::Simulate(simulate)) => return used(simulate.run()),
+        Some(Command::Export(export)) => return used(export.run()),
+        Some(Command::Compare(compare)) => return used(compare.run()),
         None => run_recording(&arguments.recording),
     };
     match outcome {
@@ -162,11 +177,21 @@ fn main() -> ExitCode {
     }
 }
 
+fn used(result: Result<(), UseError>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("ft-identify: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// The error with the file that it is about, whether its own text names it or not.
 fn with_input(error: &IdentifyError, arguments: &Arguments) -> String {
     let file = match &arguments.command {
         Some(Command::Table(table)) => Some(&table.table),
-        Some(Command::Track(_)) => None,
+        Some(_) => None,
         None => arguments.recording.recording.as_ref(),
     };
     let text = error.to_string();

@@ -1,0 +1,277 @@
+//! What is done with a twin: let it go, export it, compare several.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use ft_identify::export::{self, export};
+use ft_identify::output::refuse_existing;
+use ft_identify::screw::JointKind;
+use ft_identify::simulate::{Release, page, release, said};
+use ft_identify::twin::Twin;
+
+use crate::UseError;
+
+/// `ft-identify simulate`.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  ft-identify simulate twin/twin.json --release 45deg
+  ft-identify simulate twin/twin.json --release 0.3m --until 0m -o swing")]
+pub(crate) struct Simulate {
+    /// twin.json
+    twin: PathBuf,
+    /// Where it is let go, at rest: 45deg, 0.8rad, 0.3m, 300mm; in the twin's coordinate
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    release: String,
+    /// Where it has arrived; by default the lower end of the probed range
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    until: Option<String>,
+    /// Longest time to simulate, s
+    #[arg(long, default_value_t = 30.0)]
+    longest: f64,
+    /// Directory for swing.json and swing.html (plots and an animation)
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Replace the files of an earlier run
+    #[arg(long)]
+    force: bool,
+    /// Print JSON instead of a sentence
+    #[arg(long)]
+    json: bool,
+}
+
+/// `ft-identify export`.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  ft-identify export twin/twin.json --to mjcf -o mujoco
+  ft-identify export twin/twin.json --to usd,urdf,onnx --name fridge -o assets")]
+pub(crate) struct Export {
+    /// twin.json
+    twin: PathBuf,
+    /// Formats
+    #[arg(long, value_enum, required = true, value_delimiter = ',')]
+    to: Vec<Format>,
+    /// Directory for the files
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Name of the body and of the files: a letter, then letters, digits and _
+    #[arg(long, default_value = "object", value_parser = identifier)]
+    name: String,
+    /// Replace the files of an earlier export
+    #[arg(long)]
+    force: bool,
+}
+
+/// `ft-identify compare`.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  ft-identify compare monday/twin.json friday/twin.json")]
+pub(crate) struct Compare {
+    /// Two or more twin.json of one kind of joint; the first is what the others are compared with
+    #[arg(required = true, num_args = 2..)]
+    twins: Vec<PathBuf>,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Format {
+    Mjcf,
+    Urdf,
+    Usd,
+    Onnx,
+}
+
+impl Simulate {
+    pub(crate) fn run(&self) -> Result<(), UseError> {
+        if let Some(directory) = &self.output {
+            refuse_existing(directory, &["swing.json", "swing.html"], self.force)?;
+        }
+        let twin = read(&self.twin)?;
+        let kind = twin.joint.kind;
+        let until = match &self.until {
+            Some(text) => place(text, kind)?,
+            None => twin.joint.q_range[0],
+        };
+        let how = Release {
+            from: place(&self.release, kind)?,
+            until,
+            step: 1e-4,
+            longest: self.longest,
+        };
+        let swing = release(&twin.evaluator(), &how)?;
+        let document = serde_json::json!({
+            "schema": "ft-identify/swing/1", "kind": kind, "from": how.from, "until": how.until, "end": swing.end,
+            "beyond_probed_speed": swing.beyond_probed_speed, "time": swing.time, "q": swing.q, "dq": swing.dq,
+        });
+        if self.json {
+            println!("{document:#}");
+        } else {
+            let (scale, unit) = match kind {
+                JointKind::Revolute => (1.0_f64.to_degrees(), "deg"),
+                JointKind::Prismatic => (1.0, "m"),
+            };
+            println!("{}", said(&swing, scale, unit));
+        }
+        if let Some(directory) = &self.output {
+            let name = self.twin.display().to_string();
+            write(&directory.join("swing.json"), &format!("{document:#}\n"))?;
+            write(&directory.join("swing.html"), &page(&name, kind, &swing))?;
+            eprintln!("wrote {}", directory.join("swing.html").display());
+        }
+        Ok(())
+    }
+}
+
+impl Export {
+    pub(crate) fn run(&self) -> Result<(), UseError> {
+        let twin = read(&self.twin)?;
+        for format in &self.to {
+            let target = match format {
+                Format::Mjcf => export::Target::Mjcf,
+                Format::Urdf => export::Target::Urdf,
+                Format::Usd => export::Target::Usd,
+                Format::Onnx => export::Target::Onnx,
+            };
+            let done = export(&twin, target, &self.output, &self.name, self.force)?;
+            for file in &done.files {
+                println!("{}", file.display());
+            }
+            if let Some(native) = &done.native {
+                println!(
+                    "  joint attributes alone: {:.1} % off the twin's effort over the probed domain; with the table: {:.2} %",
+                    100.0 * native.relative_error,
+                    100.0 * done.table_error
+                );
+            } else {
+                println!("  {:.2} % off the twin's effort", 100.0 * done.table_error);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Compare {
+    pub(crate) fn run(&self) -> Result<(), UseError> {
+        let twins: Vec<Twin> = self
+            .twins
+            .iter()
+            .map(|path| read(path))
+            .collect::<Result<_, _>>()?;
+        let first = &twins[0];
+        if let Some((path, other)) = self
+            .twins
+            .iter()
+            .zip(&twins)
+            .find(|(_, t)| t.joint.kind != first.joint.kind)
+        {
+            return Err(UseError::Kinds {
+                path: path.clone(),
+                kind: other.joint.kind,
+                first: first.joint.kind,
+            });
+        }
+        let rows: Vec<serde_json::Value> = self
+            .twins
+            .iter()
+            .zip(&twins)
+            .map(|(path, twin)| {
+                let value = |name: &str| {
+                    let at = twin.beta.names.iter().position(|n| n == name)?;
+                    twin.beta.values.get(at).copied().flatten()
+                };
+                serde_json::json!({
+                    "twin": path, "inertia": value("inertia"), "coulomb": value("coulomb"), "viscous": value("viscous"),
+                    "effects": twin.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>(),
+                    "effort_difference": twin.evaluator().difference(&first.evaluator()),
+                })
+            })
+            .collect();
+        if self.json {
+            println!("{:#}", serde_json::Value::Array(rows));
+            return Ok(());
+        }
+        let number = |value: &serde_json::Value| {
+            value
+                .as_f64()
+                .map_or("null".to_owned(), |v| format!("{v:.4}"))
+        };
+        println!(
+            "{:>10} {:>10} {:>10} {:>12}  twin, effects",
+            "inertia", "coulomb", "viscous", "effort diff."
+        );
+        for row in &rows {
+            let percent = row["effort_difference"]
+                .as_f64()
+                .map_or("no overlap".to_owned(), |v| format!("{:.1} %", 100.0 * v));
+            println!(
+                "{:>10} {:>10} {:>10} {percent:>12}  {} {}",
+                number(&row["inertia"]),
+                number(&row["coulomb"]),
+                number(&row["viscous"]),
+                row["twin"].as_str().unwrap_or_default(),
+                row["effects"]
+            );
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path) -> Result<Twin, UseError> {
+    let text = std::fs::read_to_string(path).map_err(|source| UseError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    Twin::from_json(&text).map_err(|source| UseError::Twin {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn write(path: &Path, text: &str) -> Result<(), UseError> {
+    let put = || {
+        path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+        std::fs::write(path, text)
+    };
+    put().map_err(|source| UseError::Write {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// `45deg` as 0.785 rad.
+fn place(text: &str, kind: JointKind) -> Result<f64, UseError> {
+    let units: &[(&str, f64)] = match kind {
+        JointKind::Revolute => &[("deg", core::f64::consts::PI / 180.0), ("rad", 1.0)],
+        JointKind::Prismatic => &[("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)],
+    };
+    units
+        .iter()
+        .find_map(|(unit, scale)| {
+            Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * scale)
+        })
+        .filter(|value| value.is_finite())
+        .ok_or_else(|| UseError::Place {
+            text: text.to_owned(),
+            kind,
+            units: units
+                .iter()
+                .map(|(unit, _)| *unit)
+                .collect::<Vec<_>>()
+                .join(" or "),
+        })
+}
+
+fn identifier(text: &str) -> Result<String, String> {
+    let mut letters = text.chars();
+    let good = letters.next().is_some_and(|c| c.is_ascii_alphabetic())
+        && letters.all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if good {
+        Ok(text.to_owned())
+    } else {
+        Err("a letter, then letters, digits and _".to_owned())
+    }
+}

@@ -1,0 +1,182 @@
+//! Twins for other people's simulators: MJCF, URDF, USD and ONNX, each derived from `twin.json` alone.
+//!
+//! No format holds a mechanism as it is. Each export gives the joint's inertia, friction and the nearest polynomial or
+//! spring and damper that the format has ([`Native`]), says how far that is from the twin, and puts the rest beside it as a
+//! table over (q, dq) ([`Table`]) that a few lines of a callback, or the ONNX file, evaluate.
+
+mod mjcf;
+mod native;
+mod onnx;
+mod scene;
+mod table;
+mod urdf;
+mod usd;
+
+use std::path::{Path, PathBuf};
+
+pub use native::Native;
+pub use scene::Scene;
+pub use table::Table;
+
+use crate::twin::{Evaluator, Twin};
+
+/// A format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// MuJoCo's XML, with a passive-force callback in Python.
+    Mjcf,
+    /// URDF.
+    Urdf,
+    /// USD text, with the attributes of UsdPhysics, PhysX, Newton and MuJoCo.
+    Usd,
+    /// The effort without inertia as an ONNX graph.
+    Onnx,
+}
+
+/// Why a twin cannot be exported.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// A rigid body needs an inertia.
+    #[error(
+        "the twin has no inertia: it was not identifiable; probe with fast strokes and identify again, or export `onnx`, which needs none"
+    )]
+    NoInertia,
+    /// A file of an earlier export is there.
+    #[error("{} exists: choose another directory with -o, or replace it with --force", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file cannot be written.
+    #[error("cannot write {}: {source}; check that the directory exists and has room", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The table cannot be put into JSON.
+    #[error("the table of the mechanism cannot be written: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+/// What was written, and what it lacks.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// The files, the main one first.
+    pub files: Vec<PathBuf>,
+    /// What the format's own attributes hold; nothing for ONNX, which holds everything.
+    pub native: Option<Native>,
+    /// Root mean square difference between the twin and the table beside it, over the effort's own.
+    pub table_error: f64,
+}
+
+/// Writes `name.*` into `directory`, which is made when it is not there.
+///
+/// # Errors
+/// [`ExportError`].
+pub fn export(
+    twin: &Twin,
+    target: Target,
+    directory: &Path,
+    name: &str,
+    force: bool,
+) -> Result<Exported, ExportError> {
+    let evaluator = twin.evaluator();
+    if target != Target::Onnx && evaluator.inertia() <= 0.0 {
+        return Err(ExportError::NoInertia);
+    }
+    let (texts, native, table_error) = match target {
+        Target::Onnx => {
+            let table = Table::of(&evaluator, &Native::none());
+            let error = table.error(&evaluator, &Native::none());
+            let bytes = onnx::model(&table, twin);
+            (vec![(format!("{name}.onnx"), bytes)], None, error)
+        }
+        Target::Mjcf => beside(
+            twin,
+            &evaluator,
+            Native::polynomial(&evaluator),
+            |native, scene| {
+                vec![
+                    (
+                        format!("{name}.xml"),
+                        mjcf::document(name, twin, native, scene),
+                    ),
+                    (format!("{name}_passive.py"), mjcf::callback(name)),
+                ]
+            },
+        )?,
+        Target::Urdf => beside(
+            twin,
+            &evaluator,
+            Native::friction(&evaluator),
+            |native, scene| {
+                vec![(
+                    format!("{name}.urdf"),
+                    urdf::document(name, twin, native, scene),
+                )]
+            },
+        )?,
+        Target::Usd => beside(
+            twin,
+            &evaluator,
+            Native::spring(&evaluator),
+            |native, scene| {
+                vec![(
+                    format!("{name}.usda"),
+                    usd::document(name, twin, native, scene),
+                )]
+            },
+        )?,
+    };
+    let mut files = Vec::new();
+    for (file, _) in &texts {
+        let path = directory.join(file);
+        if path.exists() && !force {
+            return Err(ExportError::Exists { path });
+        }
+        files.push(path);
+    }
+    std::fs::create_dir_all(directory).map_err(|source| ExportError::Write {
+        path: directory.to_owned(),
+        source,
+    })?;
+    for (path, (_, bytes)) in files.iter().zip(&texts) {
+        std::fs::write(path, bytes).map_err(|source| ExportError::Write {
+            path: path.clone(),
+            source,
+        })?;
+    }
+    Ok(Exported {
+        files,
+        native,
+        table_error,
+    })
+}
+
+type Parts = (Vec<(String, Vec<u8>)>, Option<Native>, f64);
+
+/// The documents of a format with the table of what its attributes leave.
+fn beside(
+    twin: &Twin,
+    evaluator: &Evaluator,
+    native: Native,
+    documents: impl FnOnce(&Native, &Scene) -> Vec<(String, String)>,
+) -> Result<Parts, ExportError> {
+    let scene = Scene::of(twin);
+    let table = Table::of(evaluator, &native);
+    let mut texts: Vec<(String, Vec<u8>)> = documents(&native, &scene)
+        .into_iter()
+        .map(|(file, text)| (file, text.into_bytes()))
+        .collect();
+    let sidecar = serde_json::to_vec(&table.sidecar(twin, &native))?;
+    let main = texts.first().map_or("", |(file, _)| file);
+    texts.push((format!("{main}.mechanism.json"), sidecar));
+    let error = table.error(evaluator, &native);
+    Ok((texts, Some(native), error))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,104 @@
+//! MuJoCo's XML: cubic stiffness and damping in the joint, the rest by a passive-force callback.
+
+use super::native::Native;
+use super::scene::{Scene, three, wxyz};
+use crate::screw::JointKind;
+use crate::twin::Twin;
+
+/// The model. Angles are radians.
+pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) -> String {
+    let joint_kind = match scene.kind {
+        JointKind::Revolute => "hinge",
+        JointKind::Prismatic => "slide",
+    };
+    let [low, high] = scene.range;
+    let [k1, k2, k3] = native.stiffness;
+    let [d1, d2, d3] = native.damping;
+    let [i1, i2, i3] = scene.inertia;
+    let [width, height, thickness] = scene.panel_size.map(|size| 0.5 * size);
+    format!(
+        r#"<!-- {name}: measured joint, frame `{frame}`, written by {version}. The joint's own attributes are {error:.1} % (root mean square, over
+     the probed domain) from the twin; {name}_passive.py adds what they lack. Stiffness and damping are polynomials of degree 3: MuJoCo 3.12 or later. -->
+<mujoco model="{name}">
+  <compiler angle="radian"/>
+  <option timestep="0.0005" integrator="implicitfast"/>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <body name="{name}" pos="{origin}" gravcomp="1">
+      <inertial pos="0 0 0" quat="{turn}" mass="{mass}" diaginertia="{i1} {i2} {i3}"/>
+      <joint name="{name}_joint" type="{joint_kind}" pos="0 0 0" axis="{axis}" limited="true" range="{low} {high}" armature="0"
+             stiffness="{k1} {k2} {k3}" springref="{reference}" damping="{d1} {d2} {d3}" frictionloss="{friction}"/>
+      <geom name="{name}_panel" type="box" pos="{centre}" quat="{panel}" size="{width} {height} {thickness}" mass="0" rgba="0.72 0.58 0.42 1"/>
+      <geom name="{name}_handle" type="sphere" pos="{handle}" size="0.03" mass="0" rgba="0.3 0.3 0.3 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"#,
+        frame = twin.joint.frame,
+        version = twin.provenance.version,
+        error = 100.0 * native.relative_error,
+        origin = three(&scene.origin.coords),
+        turn = wxyz(&scene.x_to_axis),
+        mass = scene.mass,
+        axis = three(&scene.axis),
+        reference = native.reference,
+        friction = native.friction,
+        centre = three(&scene.panel_centre),
+        panel = wxyz(&scene.panel_rotation),
+        handle = three(&scene.handle),
+    )
+}
+
+/// A module that adds the rest of the twin's effort to the passive forces of a model.
+pub(super) fn callback(name: &str) -> String {
+    format!(
+        r#""""What MuJoCo's joint attributes lack of the measured joint `{name}`, as a passive force.
+
+    import mujoco, {name}_passive
+    model = mujoco.MjModel.from_xml_path("{name}.xml")
+    {name}_passive.install(model)
+"""
+import json
+import pathlib
+
+import mujoco
+import numpy as np
+
+
+class Table:
+    """Effort (N m or N) beyond the joint's attributes, over coordinate, speed and direction; q and dq may be arrays."""
+
+    def __init__(self, path):
+        read = json.loads(pathlib.Path(path).read_text())
+        self.low, self.high = read["q"]
+        self.speed = read["speed"]
+        along, speeds = read["nodes"]
+        self.efforts = np.array(read["efforts"]).reshape(2, along, speeds)
+
+    def __call__(self, q, dq):
+        _, along, speeds = self.efforts.shape
+        at_q = np.clip((np.asarray(q) - self.low) / (self.high - self.low), 0.0, 1.0) * (along - 1)
+        at_s = np.sqrt(np.clip(np.abs(dq) / self.speed, 0.0, 1.0)) * (speeds - 1)
+        i, j = (np.minimum(at.astype(int), n - 2) for at, n in ((at_q, along), (at_s, speeds)))
+        u, v = at_q - i, at_s - j
+
+        def one(way):
+            e = self.efforts[way]
+            return (1 - u) * ((1 - v) * e[i, j] + v * e[i, j + 1]) + u * ((1 - v) * e[i + 1, j] + v * e[i + 1, j + 1])
+
+        return np.where(np.asarray(dq) > 0, one(0), np.where(np.asarray(dq) < 0, one(1), 0.5 * (one(0) + one(1))))
+
+
+def install(model, joint="{name}_joint", table=None):
+    """Adds the effort at every step of every simulation of `model`."""
+    table = table or Table(pathlib.Path(__file__).with_name("{name}.xml.mechanism.json"))
+    at = model.joint(joint)
+    q, v = at.qposadr[0], at.dofadr[0]
+
+    def passive(m, d):
+        d.qfrc_passive[v] -= table(d.qpos[q], d.qvel[v])
+
+    mujoco.set_mjcb_passive(passive)
+"#
+    )
+}

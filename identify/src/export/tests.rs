@@ -1,0 +1,115 @@
+use super::*;
+use crate::mechanism::Domain;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// A door of 3 kg m^2 with a closer: spring, dry friction, one-way damping.
+fn door() -> Twin {
+    let surface = |c: f64| {
+        serde_json::json!({"interval_q": [0.0, 1.5], "interval_sqrt_speed": [0.0, 1.5], "pieces": [1, 1],
+                           "degree": [1, 1], "coefficients": [c, c, c, c]})
+    };
+    serde_json::from_value(serde_json::json!({
+        "schema": "ft-identify/twin/1",
+        "joint": {"frame": "world", "kind": "revolute", "axis_direction": [0, 0, 1], "axis_point": [1, 2, 0],
+                  "tool_position": [1.8, 2, 1.1], "q_range": [0.0, 1.5], "coordinate": {"sign": 1.0, "offset": 0.0}},
+        "beta": {"names": ["inertia", "coulomb", "viscous"], "units": ["kg m^2", "N m", "N m s/rad"],
+                 "values": [3.0, 0.5, 0.4], "covariance": []},
+        "effects": [], "domain": {"q": [0.0, 1.5], "dq": [-2.0, 2.0]},
+        "mechanism": {"kind": "spline",
+            "load": {"interval": [0.0, 1.5], "pieces": 1, "degree": 1, "coefficients": [6.0, 9.0]},
+            "damping": [surface(0.0), surface(2.0)]},
+        "provenance": {"recordings": [], "version": "test", "calibration": null, "held_out_rms": null}
+    }))
+    .unwrap()
+}
+
+#[test]
+fn attributes_that_can_hold_a_twin_do() {
+    // The same damping both ways: spring, damper and friction are all there is.
+    let mut twin = door();
+    let mechanism = twin.mechanism.as_mut().unwrap();
+    mechanism.damping[0] = mechanism.damping[1].clone();
+    let evaluator = twin.evaluator();
+    for native in [Native::spring(&evaluator), Native::polynomial(&evaluator)] {
+        assert!(native.relative_error < 1e-6, "{native:?}");
+        assert!(
+            (native.friction - 0.5).abs() < 1e-6 && (native.damping[0] - 2.4).abs() < 1e-5,
+            "{native:?}"
+        );
+        assert!(
+            (native.stiffness[0] - 2.0).abs() < 1e-5 && (native.reference + 3.0).abs() < 1e-4,
+            "{native:?}"
+        );
+    }
+    assert!(
+        Native::friction(&evaluator).relative_error > 0.5,
+        "URDF has no spring"
+    );
+}
+
+#[test]
+fn a_load_without_a_root_is_still_held() {
+    let mut twin = door();
+    let mechanism = twin.mechanism.as_mut().unwrap();
+    mechanism.load.coefficients = vec![7.0, 7.0];
+    mechanism.damping[0] = mechanism.damping[1].clone();
+    let native = Native::spring(&twin.evaluator());
+    assert!(native.relative_error < 1e-4, "{native:?}");
+    assert!((native.effort(0.7, 0.0) - 7.0).abs() < 1e-3, "{native:?}");
+}
+
+#[test]
+fn a_table_holds_what_the_attributes_lack() {
+    let evaluator = door().evaluator();
+    let native = Native::polynomial(&evaluator);
+    let table = Table::of(&evaluator, &native);
+    assert!(
+        native.relative_error > 0.05,
+        "one-way damping is no polynomial: {native:?}"
+    );
+    assert!(table.error(&evaluator, &native) < 1e-3);
+    let (q, dq) = (0.81, -0.63);
+    let together = native.effort(q, dq) + table.effort(q, dq);
+    assert!((together - evaluator.effort(q, dq, 0.0)).abs() < 0.01);
+}
+
+#[test]
+fn a_panel_hangs_between_axis_and_handle_in_any_frame() {
+    let twin = door();
+    let scene = Scene::of(&twin);
+    assert!((scene.origin - Point3::new(1.0, 2.0, 1.1)).norm() < 1e-12);
+    assert!((scene.handle - Vector3::new(0.8, 0.0, 0.0)).norm() < 1e-12);
+    assert!(
+        (scene.inertia[0] - 3.0).abs() < 1e-12
+            && scene.inertia[0] <= scene.inertia[1] + scene.inertia[2]
+    );
+    let motion = Isometry3::new(Vector3::new(3.0, 1.0, -2.0), Vector3::new(0.5, -1.0, 0.2));
+    let moved = Scene::of(&twin.in_frame("room", &motion).in_coordinate(true, 0.4));
+    // The tool stands where it stood, 0.4 rad further back in the reversed sense.
+    let turned = moved.axis.cross(&moved.handle);
+    let here = moved.origin + moved.handle * 0.4_f64.cos() + turned * 0.4_f64.sin();
+    assert!((here - motion * Point3::new(1.8, 2.0, 1.1)).norm() < 1e-9);
+}
+
+#[test]
+fn nothing_is_replaced_unasked_and_a_twin_without_inertia_has_no_body() {
+    let folder = tempfile::tempdir().unwrap();
+    let twin = door();
+    for target in [Target::Mjcf, Target::Urdf, Target::Usd, Target::Onnx] {
+        let done = export(&twin, target, folder.path(), "door", target != Target::Mjcf).unwrap();
+        assert!(done.files.iter().all(|file| file.exists()) && done.table_error < 1e-3);
+    }
+    let again = export(&twin, Target::Urdf, folder.path(), "door", false).unwrap_err();
+    assert!(again.to_string().contains("door.urdf exists"), "{again}");
+    let mut light = door();
+    light.beta.values[0] = None;
+    light.domain = Domain {
+        q: [0.0, 1.0],
+        dq: [-1.0, 1.0],
+    };
+    assert!(matches!(
+        export(&light, Target::Usd, folder.path(), "light", false),
+        Err(ExportError::NoInertia)
+    ));
+    assert!(export(&light, Target::Onnx, folder.path(), "light", false).is_ok());
+}

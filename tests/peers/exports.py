@@ -1,0 +1,114 @@
+"""Opens the exports of a twin with other people's libraries and compares them with the twin's own numbers.
+
+    exports.py FOLDER NAME STATES.csv SWING.json TWIN.json
+
+STATES.csv: q,dq,effort per line, from the twin. Prints one JSON object; the test that runs this has the bounds.
+"""
+import csv
+import importlib.util
+import json
+import math
+import pathlib
+import sys
+
+import mujoco
+import numpy as np
+import onnx
+import onnxruntime
+import yourdfpy
+from pxr import Usd, UsdPhysics, UsdUtils
+
+folder, name = pathlib.Path(sys.argv[1]), sys.argv[2]
+states = np.array([[float(v) for v in row] for row in csv.reader(open(sys.argv[3]))])
+swing = json.load(open(sys.argv[4]))
+twin = json.load(open(sys.argv[5]))
+q, dq, effort = states.T
+scale = np.sqrt(np.mean(effort**2))
+found = {}
+
+
+def relative(ours):
+    return float(np.sqrt(np.mean((ours - effort) ** 2)) / scale)
+
+
+# MuJoCo: joint attributes alone, then with the callback; then a free swing.
+model = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
+data = mujoco.MjData(model)
+
+
+def mujoco_efforts():
+    out = []
+    for at, speed in zip(q, dq):
+        data.qpos[0], data.qvel[0] = at, speed
+        mujoco.mj_forward(model, data)
+        out.append(-data.qfrc_passive[0] + model.dof_frictionloss[0] * np.sign(speed))
+    return np.array(out)
+
+
+found["mujoco_native_error"] = relative(mujoco_efforts())
+found["mujoco_announced_error"] = json.load(open(folder / f"{name}.xml.mechanism.json"))["native"]["relative_error"]
+spec = importlib.util.spec_from_file_location("passive", folder / f"{name}_passive.py")
+passive = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(passive)
+passive.install(model)
+found["mujoco_error"] = relative(mujoco_efforts())
+mujoco.mj_resetData(model, data)
+data.qpos[0] = swing["from"]
+while data.qpos[0] > swing["until"] and data.time < 60:
+    mujoco.mj_step(model, data)
+found["mujoco_swing_s"] = data.time
+mujoco.mj_resetData(model, data)
+data.qpos[0], data.qvel[0] = swing["from"], 0.0
+mujoco.mj_forward(model, data)
+mass = np.zeros((model.nv, model.nv))
+mujoco.mj_fullM(model, data, mass) if mujoco.mj_versionString() >= "4" else mujoco.mj_fullM(model, mass, data.qM)
+found["mujoco_inertia"] = float(mass[0, 0])
+mujoco.set_mjcb_passive(None)
+
+# URDF.
+robot = yourdfpy.URDF.load(str(folder / f"{name}.urdf"))
+joint = robot.joint_map[f"{name}_joint"]
+found["urdf"] = {
+    "type": joint.type,
+    "axis": list(map(float, joint.axis)),
+    "range": [joint.limit.lower, joint.limit.upper],
+    "inertia": float(np.max(robot.link_map[name].inertial.inertia)),
+    "valid": bool(robot.validate()),
+}
+
+# USD.
+stage = Usd.Stage.Open(str(folder / f"{name}.usda"))
+checker = UsdUtils.ComplianceChecker(arkit=False, skipARKitRootLayerCheck=True) if hasattr(UsdUtils, "ComplianceChecker") else None
+if checker:
+    checker.CheckCompliance(str(folder / f"{name}.usda"))
+    found["usd_problems"] = checker.GetErrors() + checker.GetFailedChecks()
+else:
+    from pxr import UsdValidation
+
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    problems = UsdValidation.ValidationContext(validators).Validate(stage)
+    found["usd_problems"] = [f"{p.GetName()}: {p.GetMessage()}" for p in problems if str(p.GetType()).endswith("Error")]
+prim = stage.GetPrimAtPath(f"/{name}/joint")
+kind = "angular" if prim.IsA(UsdPhysics.RevoluteJoint) else "linear"
+drive = UsdPhysics.DriveAPI(prim, kind)
+limits = UsdPhysics.RevoluteJoint(prim) if kind == "angular" else UsdPhysics.PrismaticJoint(prim)
+body = UsdPhysics.MassAPI(stage.GetPrimAtPath(f"/{name}/part"))
+to_si = math.degrees(1) if kind == "angular" else 1.0
+friction = prim.GetAttribute("newton:friction").Get()
+stiffness, damping = drive.GetStiffnessAttr().Get() * to_si, drive.GetDampingAttr().Get() * to_si
+target = drive.GetTargetPositionAttr().Get() / to_si
+found["usd"] = {
+    "kind": kind,
+    "default_prim": stage.GetDefaultPrim().GetName(),
+    "range": [limits.GetLowerLimitAttr().Get() / to_si, limits.GetUpperLimitAttr().Get() / to_si],
+    "inertia": float(body.GetDiagonalInertiaAttr().Get()[0]) if kind == "angular" else float(body.GetMassAttr().Get()),
+    "error": relative(stiffness * (q - target) + damping * dq + friction * np.sign(dq)),
+    "announced_error": json.load(open(folder / f"{name}.usda.mechanism.json"))["native"]["relative_error"],
+}
+
+# ONNX.
+onnx.checker.check_model(onnx.load(folder / f"{name}.onnx"), full_check=True)
+session = onnxruntime.InferenceSession(str(folder / f"{name}.onnx"))
+got = session.run(None, {"q": q.astype(np.float32), "dq": dq.astype(np.float32)})[0]
+found["onnx_error"] = relative(got)
+print(json.dumps(found))

@@ -1,0 +1,160 @@
+//! Exports of an identified twin, opened and evaluated by other people's libraries.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use ft_identify::twin::Twin;
+use ft_tests::{peers, programs};
+use serde_json::Value;
+use tempfile::tempdir;
+
+/// Records and identifies a scenario, exports its twin, and gives the twin and what the libraries say of it.
+fn exported(scenario: &str, release: &str, folder: &Path) -> Option<(Twin, Value, Value)> {
+    peers::python("exports")?;
+    let run = |program: &str, arguments: &[&str]| {
+        programs::run(program, arguments, folder).expect_code(0)
+    };
+    run(
+        "ft-capture",
+        &[
+            "--sim", scenario, "--speed", "max", "--seed", "3", "-o", "a.mcap",
+        ],
+    );
+    run("ft-identify", &["a.mcap", "-o", "twin"]);
+    run(
+        "ft-identify",
+        &[
+            "export",
+            "twin/twin.json",
+            "--to",
+            "mjcf,urdf,usd,onnx",
+            "-o",
+            "out",
+        ],
+    );
+    run(
+        "ft-identify",
+        &[
+            "simulate",
+            "twin/twin.json",
+            "--release",
+            release,
+            "-o",
+            "swing",
+        ],
+    );
+    let twin =
+        Twin::from_json(&std::fs::read_to_string(folder.join("twin/twin.json")).unwrap()).unwrap();
+    let evaluator = twin.evaluator();
+    let domain = evaluator.domain().clone();
+    let mut states = String::new();
+    for i in 0..40 {
+        for j in 0..40 {
+            let part =
+                |[low, high]: [f64; 2], k: u32| low + (high - low) * (f64::from(k) + 0.5) / 40.0;
+            let (q, dq) = (part(domain.q, i), part(domain.dq, j));
+            writeln!(states, "{q},{dq},{}", evaluator.effort(q, dq, 0.0)).unwrap();
+        }
+    }
+    std::fs::write(folder.join("states.csv"), states).unwrap();
+    let path = |name: &str| folder.join(name).display().to_string();
+    let arguments = [
+        path("out"),
+        "object".to_owned(),
+        path("states.csv"),
+        path("swing/swing.json"),
+        path("twin/twin.json"),
+    ];
+    let found = peers::run("exports", "exports.py", &arguments)?
+        .expect_code(0)
+        .json();
+    let swing: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("swing/swing.json")).unwrap())
+            .unwrap();
+    println!("{scenario}: {found}");
+    Some((twin, found, swing))
+}
+
+fn number(value: &Value) -> f64 {
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+/// What holds for any twin.
+fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
+    let inertia = twin.beta.values[0].unwrap();
+    let near = |value: &Value, expected: f64, what: &str| {
+        let got = number(value);
+        assert!(
+            (got - expected).abs() < 1e-5 * expected.abs().max(1.0),
+            "{what}: {got}, {expected}"
+        );
+    };
+    near(&found["mujoco_inertia"], inertia, "MuJoCo's inertia");
+    near(&found["usd"]["inertia"], inertia, "USD's inertia");
+    for of in ["urdf", "usd"] {
+        for (i, end) in twin.joint.q_range.iter().enumerate() {
+            near(&found[of]["range"][i], *end, of);
+        }
+    }
+    assert_eq!(found["urdf"]["valid"], true, "{found}");
+    assert_eq!(found["urdf"]["type"], kind[0]);
+    assert_eq!(found["usd"]["kind"], kind[1]);
+    assert_eq!(
+        found["usd_problems"].as_array().map(Vec::len),
+        Some(0),
+        "{}",
+        found["usd_problems"]
+    );
+    for error in ["mujoco_error", "onnx_error"] {
+        assert!(number(&found[error]) < 0.02, "{error}: {found}");
+    }
+    // The states here are spread otherwise than those of the announcement.
+    for (error, announced) in [
+        (
+            &found["mujoco_native_error"],
+            &found["mujoco_announced_error"],
+        ),
+        (&found["usd"]["error"], &found["usd"]["announced_error"]),
+    ] {
+        let (error, announced) = (number(error), number(announced));
+        assert!(
+            error < 1.5 * announced + 0.02,
+            "{error}, announced {announced}: {found}"
+        );
+    }
+}
+
+#[test]
+fn a_door_with_a_closer_opens_and_swings_in_other_simulators() {
+    let folder = tempdir().unwrap();
+    let Some((twin, found, swing)) = exported("wood_door", "45deg", folder.path()) else {
+        return;
+    };
+    agrees(&twin, &found, ["revolute", "angular"]);
+    let (ours, theirs) = (
+        number(&swing["end"]["time"]),
+        number(&found["mujoco_swing_s"]),
+    );
+    assert_eq!(swing["end"]["how"], "arrived");
+    assert!(
+        (theirs / ours - 1.0).abs() < 0.02,
+        "MuJoCo {theirs} s, ours {ours} s"
+    );
+}
+
+#[test]
+fn a_drawer_opens_in_other_simulators() {
+    let folder = tempdir().unwrap();
+    let Some((twin, found, _)) = exported("drawer_loaded", "0.2m", folder.path()) else {
+        return;
+    };
+    agrees(&twin, &found, ["prismatic", "linear"]);
+    assert!(
+        (number(&found["urdf"]["inertia"]) - 2.0 * twin.beta.values[0].unwrap() * 0.16 / 12.0)
+            .abs()
+            < 1e-6
+    );
+}
