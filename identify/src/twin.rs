@@ -305,10 +305,8 @@ impl Twin {
             return wrong("beta has not one value per name");
         }
         let [slowest, fastest] = self.domain.dq;
-        if !proper(self.domain.q)
-            || !proper(self.joint.q_range)
-            || !(slowest <= fastest && (fastest - slowest).is_finite())
-        {
+        let speeds = slowest <= fastest && (fastest - slowest).is_finite();
+        if !(proper(self.domain.q) && proper(self.joint.q_range) && speeds) {
             return wrong("domain or q_range is no interval");
         }
         if self.joint.coordinate.sign.abs() != 1.0 || !self.joint.coordinate.offset.is_finite() {

@@ -192,3 +192,121 @@ fn a_track_prints_kind_and_size() {
     assert_eq!(found[0]["joint"]["kind"], "revolute");
     assert!(out.join("joint.json").exists());
 }
+
+#[test]
+fn a_twin_is_let_go_exported_and_compared() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let out = directory.path().join("out");
+    let arguments = [
+        "table",
+        &file,
+        "--time",
+        "t",
+        "--position",
+        "q",
+        "--effort",
+        "f",
+        "--kind",
+        "prismatic",
+        "-o",
+    ];
+    run(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+    let twin = out.join("twin.json");
+    let twin = twin.to_str().unwrap();
+    let said = |arguments: &[&str], code: i32| {
+        let done = run(arguments);
+        assert_eq!(done.status.code(), Some(code), "{}", text(&done.stderr));
+        text(&done.stdout) + &text(&done.stderr)
+    };
+    let swing = said(&["simulate", twin, "--release", "200mm"], 0);
+    assert!(
+        swing.contains("stays at 0.200 m: dry friction holds it"),
+        "{swing}"
+    );
+    assert!(
+        said(&["simulate", twin, "--release", "20deg"], 1)
+            .contains("give a number with mm or cm or m")
+    );
+    assert!(said(&["simulate", twin, "--release", "9m"], 1).contains("outside the range"));
+    let assets = directory.path().join("assets");
+    let assets = assets.to_str().unwrap();
+    let told = said(
+        &["export", twin, "--to", "mjcf,urdf,usd,onnx", "-o", assets],
+        0,
+    );
+    assert!(
+        told.contains("object.onnx") && told.contains("joint attributes alone"),
+        "{told}"
+    );
+    assert!(
+        said(&["export", twin, "--to", "urdf", "-o", assets], 1).contains("object.urdf exists")
+    );
+    assert_eq!(
+        run(&[
+            "export", twin, "--to", "urdf", "--name", "a b", "-o", assets
+        ])
+        .status
+        .code(),
+        Some(2)
+    );
+    let beside: serde_json::Value =
+        serde_json::from_str(&said(&["compare", twin, twin, "--json"], 0)).unwrap();
+    assert_eq!(beside[1]["effort_difference"], 0.0);
+    let report = out.join("report.json");
+    assert!(
+        said(&["compare", twin, report.to_str().unwrap()], 1)
+            .contains("give the twin.json that ft-identify wrote")
+    );
+}
+
+#[test]
+fn a_twin_whose_numbers_do_not_fit_together_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let out = directory.path().join("out");
+    let arguments = [
+        "table",
+        &file,
+        "--time",
+        "t",
+        "--position",
+        "q",
+        "--effort",
+        "f",
+        "--kind",
+        "prismatic",
+        "-o",
+    ];
+    run(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+    let whole: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("twin.json")).unwrap()).unwrap();
+    let broken: [(&str, serde_json::Value, &str); 5] = [
+        ("/schema", "other/1".into(), "schema is `other/1`"),
+        (
+            "/beta/values",
+            serde_json::json!([1.0]),
+            "one value per name",
+        ),
+        ("/domain/q", serde_json::json!([1.0, 1.0]), "no interval"),
+        ("/joint/coordinate/sign", 0.5.into(), "not 1 or -1"),
+        (
+            "/mechanism/load/pieces",
+            1_000_000_007.into(),
+            "coefficients over an interval",
+        ),
+    ];
+    for (at, value, said) in broken {
+        let mut twin = whole.clone();
+        *twin.pointer_mut(at).unwrap_or_else(|| panic!("{at}")) = value;
+        let path = directory.path().join("broken.json");
+        std::fs::write(&path, twin.to_string()).unwrap();
+        let done = run(&["simulate", path.to_str().unwrap(), "--release", "0.1m"]);
+        assert_eq!(done.status.code(), Some(1));
+        assert!(
+            text(&done.stderr).contains(said),
+            "{at}: {}",
+            text(&done.stderr)
+        );
+    }
+}

@@ -9,7 +9,7 @@ use crate::scenario::{
 };
 use crate::scene::Scene;
 use crate::setting::Setting;
-use crate::world::{Joint, JointState, World, mechanism};
+use crate::world::{Free, Joint, JointState, World, mechanism};
 
 /// Everything about a simulation that a measurement is judged against. SI; poses and points in `world`.
 #[derive(Clone, Debug, Serialize)]
@@ -133,15 +133,37 @@ impl Truth {
     /// `q` counts from the closed stop; friction takes the sign of `dq`, and is left out at `dq = 0`.
     #[must_use]
     pub fn effort(&self, q: f64, dq: f64, ddq: f64) -> f64 {
-        let joint = Joint {
+        Declared::of(self.declared_joint(), self.object.clone(), &self.mechanisms)
+            .effort(q, dq, ddq)
+    }
+
+    /// Time in s that the declared object, let go at rest at `from`, takes until it passes `until`; nothing when it has not
+    /// after `longest` seconds. Coordinates count from the closed stop.
+    #[must_use]
+    pub fn swing_time(&self, from: f64, until: f64, longest: f64) -> Option<f64> {
+        let mut world =
+            Declared::of(self.declared_joint(), self.object.clone(), &self.mechanisms).0;
+        world.place(from, 0.0);
+        let side = (from - until).signum();
+        let start = world.state().t;
+        while world.state().t - start < longest {
+            world.step(&Free);
+            if (world.state().q - until) * side <= 0.0 {
+                return Some(world.state().t - start);
+            }
+        }
+        None
+    }
+
+    fn declared_joint(&self) -> Joint {
+        Joint {
             kind: self.joint_kind,
             axis: nalgebra::Unit::new_normalize(self.declared_axis_direction.into()),
             point: self.axis_point.into(),
             range: self.q_range,
             panel_com: self.panel_com.into(),
             axis_drift: nalgebra::Vector3::zeros(),
-        };
-        Declared::of(joint, self.object.clone(), &self.mechanisms).effort(q, dq, ddq)
+        }
     }
 }
 

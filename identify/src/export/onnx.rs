@@ -108,7 +108,7 @@ impl Graph {
         self.add(field, Message::default().text(1, name).message(2, kind));
     }
 
-    fn to_integer(&mut self, input: &str) -> String {
+    fn cast_to_integer(&mut self, input: &str) -> String {
         let to = Message::default()
             .text(1, "to")
             .number(3, INT64)
@@ -148,7 +148,7 @@ pub(super) fn model(table: &Table, twin: &Twin) -> Vec<u8> {
         let floor = graph.node("Floor", &[at], vec![]);
         let first = graph.node("Min", &[&floor, last], vec![]);
         let part = graph.node("Sub", &[at, &first], vec![]);
-        (graph.to_integer(&first), part)
+        (graph.cast_to_integer(&first), part)
     };
     let (i, u) = cell(&mut graph, &at_q, "last_cell_q");
     let (j, v) = cell(&mut graph, &at_speed, "last_cell_speed");

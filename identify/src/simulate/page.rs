@@ -64,7 +64,7 @@ pub fn said(swing: &Swing, scale: f64, unit: &str) -> String {
         End::Arrived { time, speed } => {
             format!("arrives after {time:.3} s at {:.3} {unit}/s", scale * speed)
         }
-        End::Held { time, q } if time == 0.0 => {
+        End::Held { time: 0.0, q } => {
             format!("stays at {:.3} {unit}: dry friction holds it", scale * q)
         }
         End::Held { time, q } => format!(
