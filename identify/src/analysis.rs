@@ -172,27 +172,19 @@ fn aligned(
     }))
 }
 
-/// I, mu, b and the mechanism on what the named effects leave; predictions are of the whole effort.
+/// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the
+/// mechanism stands in `theta` only.
 fn with_mechanism(motion: &Motion, diagnosis: &Diagnosis) -> Result<EffortModel, DynamicsError> {
-    let mut rest = motion.clone();
-    let mut theta = diagnosis.model.theta.iter().skip(3);
-    let mut known = vec![0.0; motion.tau.len()];
-    for found in diagnosis.found() {
-        for (series, theta) in found.series(motion).iter().zip(&mut theta) {
-            for (known, value) in known.iter_mut().zip(series) {
-                *known += theta * value;
-            }
-        }
-    }
-    for (tau, known) in rest.tau.iter_mut().zip(&known) {
-        *tau -= known;
-    }
-    let mut model = fit_with_mechanism(&rest, &[&RigidBody])?;
-    for (predicted, known) in model.predicted.iter_mut().zip(motion.regressor(&known)?) {
-        *predicted += known;
-    }
-    let effort = rms(&motion.regressor(&motion.tau)?);
-    model.relative_error = model.rms / effort.max(f64::MIN_POSITIVE);
+    let found = diagnosis.found();
+    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
+    effects.extend(found.iter().map(|found| found as &dyn Effect));
+    let mut model = fit_with_mechanism(motion, &effects)?;
+    model.terms.truncate(3);
+    model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
+    let terms = &model.terms;
+    model
+        .not_identified
+        .retain(|name, _| terms.iter().any(|term| term.name == *name));
     Ok(model)
 }
 

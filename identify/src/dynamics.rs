@@ -7,6 +7,7 @@
 
 mod design;
 mod structure;
+mod valved;
 
 pub use structure::{Structure, structure};
 
@@ -17,10 +18,11 @@ use nalgebra::{DMatrix, DVector};
 use crate::effect::{Column, Effect, RigidBody};
 use crate::lag::{self, Lag};
 use crate::least_squares::{FitError, bounded_least_squares, effective_count, rms};
-use crate::mechanism::{Fineness, SplineMechanism};
+use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::JointSamples;
 use design::Design;
+use valved::Valved;
 
 /// Why there is no effort model.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -54,7 +56,7 @@ pub struct EffortModel {
     pub terms: Vec<Term>,
     /// Estimates as fitted, also of those that `terms` leaves out.
     pub theta: DVector<f64>,
-    /// Covariance of `theta`.
+    /// Covariance of the terms.
     pub covariance: DMatrix<f64>,
     /// Rank of the parametric part.
     pub rank: usize,
@@ -123,7 +125,8 @@ pub fn fit_columns(
     Design::of_columns(columns, tau, folds)?.parametric()
 }
 
-/// Fits the parameters of `effects` together with the mechanism.
+/// Fits the parameters of `effects` together with the mechanism: as surfaces, and behind valves where there is damping and
+/// that foretells held-out strokes better.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -132,34 +135,39 @@ pub fn fit_with_mechanism(
     effects: &[&dyn Effect],
 ) -> Result<EffortModel, DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
-    let mut design = Design::new(motion, effects, Some(&mechanism))?;
+    let parametric = Design::new(motion, effects, None)?;
+    let mut design = parametric.with_surfaces(motion, &mechanism);
     let (mut smoothing, mut held_out_rms) = design.choose_smoothing();
-    if design.damping_share(&smoothing) > FINER_ABOVE {
-        let fine = SplineMechanism::divided(motion, Fineness::FINE);
-        let mut fine_design = Design::new(motion, effects, Some(&fine))?;
-        let (fine_smoothing, fine_error) = fine_design.sharpen(&fine);
-        if fine_error < FINER_BELOW * held_out_rms {
-            (mechanism, design, smoothing, held_out_rms) =
-                (fine, fine_design, fine_smoothing, fine_error);
+    let mut exact = None;
+    if design.damping_share(&smoothing) > DAMPED_ABOVE {
+        let (surfaces, _) = design.solve(&smoothing);
+        mechanism.set(&surfaces.as_slice()[design.params..]);
+        let valved = Valved::fit(&parametric, motion, &mechanism);
+        if valved.held_out_rms < VALVED_BELOW * held_out_rms {
+            design = valved.design(&parametric, motion);
+            exact = Some((valved.theta.clone(), valved.predicted(&design, &parametric)));
+            (mechanism, smoothing, held_out_rms) =
+                (valved.mechanism, valved.smoothing, valved.held_out_rms);
         }
     }
     let (solution, mut covariance) = design.solve(&smoothing);
+    let params = design.params;
+    let (mut theta, predicted) = exact.unwrap_or_else(|| {
+        mechanism.set(&solution.as_slice()[params..]);
+        (solution.rows(0, params).into_owned(), &design.y * &solution)
+    });
     // What the fit leaves on strokes that it has not seen, over what it leaves on those it has: the part of the model's own
     // error that the residual does not show.
-    let seen = rms((&design.tau - &design.y * &solution).as_slice());
+    let seen = rms((&parametric.tau - &predicted).as_slice());
     covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
         .powi(2)
         .max(1.0);
-    let damped = design.damping_share(&smoothing) > FINER_ABOVE;
-    let params = design.params;
-    mechanism.set(&solution.as_slice()[params..]);
-    let mut theta = solution.rows(0, params).into_owned();
+    let damped = design.damping_share(&smoothing) > DAMPED_ABOVE;
     let common = mechanism.take_common_damping();
     if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {
         theta[viscous] += common;
     }
-    let predicted = &design.y * &solution;
-    let mut model = design.model(theta.as_slice(), covariance, Some(predicted), held_out_rms);
+    let mut model = parametric.model(theta.as_slice(), covariance, Some(predicted), held_out_rms);
     model.mechanism = Some(mechanism);
     if damped {
         model.withdraw_friction();
@@ -167,10 +175,10 @@ pub fn fit_with_mechanism(
     Ok(model)
 }
 
-/// A fine mechanism must do so much better on held-out strokes than a coarse one.
-const FINER_BELOW: f64 = 0.97;
-/// A fine mechanism is tried when the damping is at least this share of the effort.
-const FINER_ABOVE: f64 = 0.05;
+/// Valves must do so much better on held-out strokes than surfaces.
+const VALVED_BELOW: f64 = 0.97;
+/// Valves are tried when the damping is at least this share of the effort.
+const DAMPED_ABOVE: f64 = 0.05;
 
 /// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
 /// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.

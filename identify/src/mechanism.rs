@@ -1,17 +1,23 @@
 //! The mechanism: `g(q) + c(q, |dq|) dq` with `c >= 0` for each direction, as penalized B-splines.
 //!
-//! `g` is cubic with a second-difference penalty and any sign. `c` has one surface for opening (dq > 0) and one for
-//! closing, a tensor product over q and sqrt(|dq|) (finer at low speeds, where a valve opens), with non-negative
-//! coefficients, so it is non-negative everywhere. The effort `c dq` may bend at any speed, as behind a relief valve; over q
-//! a fine division may have edges, found by weighing the penalty anew with what was fitted.
+//! `g` is cubic with a second-difference penalty and any sign. `c` comes in two forms, both non-negative everywhere:
+//! - a surface for opening (dq > 0) and one for closing, a tensor product over q and sqrt(|dq|) with non-negative coefficients;
+//! - behind a valve: `c dq = P(c0(q) |dq|)`, as in a cylinder whose ports depend on q and whose valve has one
+//!   characteristic [`Valve`] for all q. `c0` is finely divided and may have edges, found by weighing its penalty anew with what
+//!   was fitted. Edges of zones and relief valves need this form, and it says more about speeds that were seen at few places.
+//!
 //! A constant part of `c` is the same as viscous friction: the smallest coefficient is moved there
 //! ([`SplineMechanism::take_common_damping`]), so that the smallest `c` is zero. Outside the domain where it was probed the
 //! curves go on at their end values and mean nothing.
 
-use nalgebra::DMatrix;
+mod valve;
 
-use crate::least_squares::{Bound, rms};
-use crate::motion::{Motion, MotionError};
+pub use valve::{Bend, Valve};
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::least_squares::Bound;
+use crate::motion::{Motion, SparseColumns};
 use crate::samples::{extrema, quantile};
 use crate::spline::Basis;
 
@@ -43,62 +49,54 @@ pub struct SplineMechanism {
     pub load_coefficients: Vec<f64>,
     /// Coefficients of c for opening and for closing, coordinate first: index = i_q * speeds + i_speed.
     pub damping_coefficients: [Vec<f64>; 2],
+    /// What becomes of the damping's effort `c |dq|`, for opening and for closing.
+    pub valves: [Valve; 2],
     /// Where it was probed.
     pub domain: Domain,
 }
 
-/// How finely a mechanism is divided: pieces of g over q, and of c over q and over speed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fineness {
-    /// Pieces of g over the coordinate.
-    pub load: usize,
-    /// Pieces of c over the coordinate.
-    pub damping: usize,
-    /// Pieces of c over the root of the speed.
-    pub speed: usize,
-    /// Degree of c over the coordinate.
-    pub degree: usize,
+/// A mechanism's effort as a linear function of its coefficients, near those it has.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    /// Effort per coefficient, (kept samples, coefficients).
+    pub columns: DMatrix<f64>,
+    /// The effort less what the columns times the coefficients give, one per kept sample; zero while the valves are straight.
+    pub rest: Vec<f64>,
 }
 
-impl Fineness {
-    /// Smooth mechanisms, and all that a lag is looked for with.
-    pub const COARSE: Self = Self {
-        load: 20,
-        damping: 12,
-        speed: 3,
-        degree: 2,
-    };
-    /// Zones with edges, and valves that open at a pressure.
-    pub const FINE: Self = Self {
-        load: 20,
-        damping: 28,
-        speed: 7,
-        degree: 1,
-    };
-}
+/// Pieces of g, and of c over q and over sqrt(|dq|) as a surface and over q behind a valve.
+const LOAD_PIECES: usize = 20;
+const SURFACE_PIECES: [usize; 2] = [12, 3];
+const VALVED_PIECES: usize = 40;
+/// Strength of the pull of damping behind a valve to zero, over that of the data.
+const LEVEL: f64 = 3e-4;
+/// Square of a step or level of the damping, over its mean square, that counts as a step or level at all.
+const SMALL: f64 = 1e-3;
 
 impl SplineMechanism {
-    /// A mechanism of zero effort over the domain of a motion.
+    /// A mechanism of zero effort over the domain of a motion, its damping as surfaces.
     #[must_use]
     pub fn over(motion: &Motion) -> Self {
-        Self::divided(motion, Fineness::COARSE)
+        let [over_q, over_speed] = SURFACE_PIECES;
+        Self::divided(motion, (over_q, 2), (over_speed, 1))
     }
 
-    /// A mechanism of zero effort over the domain of a motion, divided as asked for.
+    /// A mechanism of zero effort over the domain of a motion, its damping behind valves that are straight.
     #[must_use]
-    pub fn divided(motion: &Motion, fineness: Fineness) -> Self {
+    pub fn valved(motion: &Motion) -> Self {
+        Self::divided(motion, (VALVED_PIECES, 1), (1, 0))
+    }
+
+    /// Pieces and degree of c over q and over speed.
+    fn divided(motion: &Motion, over_q: (usize, usize), over_speed: (usize, usize)) -> Self {
         let q = motion.at_kept(&motion.q);
         let dq = motion.at_kept(&motion.dq);
         let speed: Vec<f64> = dq.iter().map(|v| v.abs()).collect();
         let (low, high) = extrema(&q);
-        let load = Basis::new(low, high, fineness.load, 3);
-        let damping_q = Basis::new(low, high, fineness.damping, fineness.degree);
-        let damping_speed = Basis::new(
-            0.0,
-            quantile(&speed, 0.999).max(1e-9).sqrt(),
-            fineness.speed,
-            1,
-        );
+        let load = Basis::new(low, high, LOAD_PIECES, 3);
+        let damping_q = Basis::new(low, high, over_q.0, over_q.1);
+        let fastest = quantile(&speed, 0.999).max(1e-9).sqrt();
+        let damping_speed = Basis::new(0.0, fastest, over_speed.0, over_speed.1);
         let zeros = vec![0.0; damping_q.len() * damping_speed.len()];
         let (slowest, fastest) = extrema(&dq);
         Self {
@@ -107,6 +105,7 @@ impl SplineMechanism {
             damping_q,
             damping_speed,
             damping_coefficients: [zeros.clone(), zeros],
+            valves: [Valve::default(), Valve::default()],
             domain: Domain {
                 q: [low, high],
                 dq: [slowest, fastest],
@@ -135,14 +134,39 @@ impl SplineMechanism {
     /// The damping `c(q, |dq|)` of the direction of `dq`.
     #[must_use]
     pub fn damping(&self, q: f64, dq: f64) -> f64 {
+        let before = self.proportional(q, dq);
+        let valve = &self.valves[usize::from(dq < 0.0)];
+        if valve.is_straight() || dq == 0.0 {
+            return before;
+        }
+        valve.effort(before * dq.abs()) / dq.abs()
+    }
+
+    /// Takes the damping that `other` has at the slowest fifth of the motion's samples.
+    pub(crate) fn damp_as_slow(&mut self, other: &Self, motion: &Motion) {
+        let speeds: Vec<f64> = motion.at_kept(&motion.dq).iter().map(|v| v.abs()).collect();
+        let slow = quantile(&speeds, 0.2);
+        for (coefficients, dq) in self.damping_coefficients.iter_mut().zip([slow, -slow]) {
+            for (j, c) in coefficients.iter_mut().enumerate() {
+                *c = other.damping(self.damping_q.centre(j), dq);
+            }
+        }
+    }
+
+    /// The damping before the valve.
+    pub(crate) fn proportional(&self, q: f64, dq: f64) -> f64 {
         let coefficients = &self.damping_coefficients[usize::from(dq < 0.0)];
         self.tensor(q, dq.abs())
             .map(|(index, value)| coefficients[index] * value)
             .sum()
     }
 
-    /// Moves the constant part of the damping out of the mechanism and gives it, to be added to viscous friction.
+    /// Moves the constant part of the damping out of the mechanism and gives it, to be added to viscous friction. Behind a
+    /// valve that bends it stays.
     pub fn take_common_damping(&mut self) -> f64 {
+        if !self.valves.iter().all(Valve::is_straight) {
+            return 0.0;
+        }
         let common = self
             .damping_coefficients
             .iter()
@@ -155,10 +179,11 @@ impl SplineMechanism {
         common
     }
 
-    /// Number of coefficients: load, opening, closing.
+    /// Number of coefficients: load, opening, closing, and two per bend of a valve.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.load.len() + 2 * self.damping_coefficients[0].len()
+        let bends: usize = self.valves.iter().map(|valve| valve.bends.len()).sum();
+        self.first_bend() + 2 * bends
     }
 
     /// Never: there is always a load.
@@ -167,12 +192,42 @@ impl SplineMechanism {
         false
     }
 
-    /// Sets all coefficients, in the order of [`SplineMechanism::regressor`].
+    /// Where the valves' coefficients begin.
+    pub(crate) fn first_bend(&self) -> usize {
+        self.load.len() + 2 * self.damping_coefficients[0].len()
+    }
+
+    /// All coefficients: load, damping when opening and when closing, then place and slope of each bend of the valves.
+    #[must_use]
+    pub fn coefficients(&self) -> Vec<f64> {
+        let [opening, closing] = &self.damping_coefficients;
+        let bends = self.valves.iter().flat_map(|valve| &valve.bends);
+        let linear = self.load_coefficients.iter().chain(opening).chain(closing);
+        linear
+            .copied()
+            .chain(bends.flat_map(|bend| [bend.at, bend.slope]))
+            .collect()
+    }
+
+    /// Sets all coefficients, in the order of [`SplineMechanism::coefficients`]; bends stay in order and apart.
     pub fn set(&mut self, coefficients: &[f64]) {
-        let (load, damping) = coefficients.split_at(self.load.len().min(coefficients.len()));
+        let (load, rest) = coefficients.split_at(self.load.len().min(coefficients.len()));
         self.load_coefficients = load.to_vec();
-        let half = damping.len() / 2;
-        self.damping_coefficients = [damping[..half].to_vec(), damping[half..].to_vec()];
+        let half = self.damping_coefficients[0].len();
+        let (opening, rest) = rest.split_at(half.min(rest.len()));
+        let (closing, bends) = rest.split_at(half.min(rest.len()));
+        self.damping_coefficients = [opening.to_vec(), closing.to_vec()];
+        let mut bends = bends.chunks_exact(2);
+        for valve in &mut self.valves {
+            let mut least = 0.0;
+            for (bend, new) in valve.bends.iter_mut().zip(&mut bends) {
+                *bend = Bend {
+                    at: new[0].max(least),
+                    slope: new[1],
+                };
+                least = 1.05 * bend.at;
+            }
+        }
     }
 
     /// Bounds of the coefficients.
@@ -183,101 +238,100 @@ impl SplineMechanism {
         bounds
     }
 
-    /// Effort per coefficient, filtered like the measured effort, (kept samples, coefficients).
-    ///
-    /// # Errors
-    /// When the motion cannot be filtered.
-    pub fn regressor(&self, motion: &Motion) -> Result<DMatrix<f64>, MotionError> {
-        let count = motion.q.len();
-        let mut out = DMatrix::zeros(motion.kept.len(), self.len());
-        let mut raw = vec![vec![0.0; count]; self.len()];
-        let surface = self.damping_coefficients[0].len();
-        for (i, (&q, &dq)) in motion.q.iter().zip(&motion.dq).enumerate() {
+    /// Effort per coefficient of the load, filtered like the measured effort, (kept samples, coefficients of g). It does not
+    /// depend on the coefficients.
+    #[must_use]
+    pub fn load_columns(&self, motion: &Motion) -> DMatrix<f64> {
+        let mut entries = SparseColumns::with_capacity(motion.q.len(), self.load.degree() + 1);
+        for &q in &motion.q {
             let (first, values) = self.load.evaluate(q);
-            for (j, value) in values.iter().take(self.load.degree() + 1).enumerate() {
-                raw[first + j][i] = *value;
-            }
-            let start = self.load.len() + if dq < 0.0 { surface } else { 0 };
-            for (index, value) in self.tensor(q, dq.abs()) {
-                raw[start + index][i] += value * dq;
-            }
+            entries.push((first..).zip(values).take(self.load.degree() + 1));
         }
-        for (j, series) in raw.into_iter().enumerate() {
-            out.column_mut(j)
-                .copy_from_slice(&motion.regressor(&series)?);
-        }
-        Ok(out)
+        motion.sparse_regressor(&entries, self.load.len())
     }
 
-    /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c even over speed;
-    /// each (coefficients, coefficients). With `edges` = weight of each step of c over q for opening and for closing, c is
-    /// held constant where the weights are large and may jump where they are small ([`SplineMechanism::edges`]).
+    /// Effort per coefficient near the coefficients it has, filtered like the measured effort; `load` =
+    /// [`SplineMechanism::load_columns`] of this motion.
     #[must_use]
-    pub fn penalties(&self, edges: Option<&[Vec<f64>; 2]>) -> [DMatrix<f64>; 3] {
+    pub fn linearised(&self, motion: &Motion, load: &DMatrix<f64>) -> Linearised {
+        let first = self.load.len();
+        let total = self.len() - first;
+        let surface = self.damping_coefficients[0].len();
+        let bends =
+            [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
+        let mut entries = SparseColumns::with_capacity(motion.q.len(), 6);
+        for (&q, &dq) in motion.q.iter().zip(&motion.dq) {
+            let closing = dq < 0.0;
+            let valve = &self.valves[usize::from(closing)];
+            let u = self.proportional(q, dq) * dq.abs();
+            let (slope, sign) = (valve.slope(u), if closing { -1.0 } else { 1.0 });
+            let start = if closing { surface } else { 0 };
+            let damping = self
+                .tensor(q, dq.abs())
+                .map(|(index, value)| (start + index, slope * value * dq));
+            let bends = bends_of(valve, u, sign, bends[usize::from(closing)], total);
+            entries.push(damping.chain(bends));
+        }
+        let damping = motion.sparse_regressor(&entries, total + 1);
+        let rest = damping.column(total).iter().copied().collect();
+        let mut columns = load.clone().resize_horizontally(first + total, 0.0);
+        columns
+            .columns_mut(first, total)
+            .copy_from(&damping.columns(0, total));
+        Linearised { columns, rest }
+    }
+
+    /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c small and, as a
+    /// surface, even over speed; each (coefficients, coefficients).
+    ///
+    /// Behind valves the penalties depend on the damping there is: c is held constant and near zero but where it has a step
+    /// or is not small, so that edges stay sharp and damping that viscous friction explains is left to it.
+    #[must_use]
+    pub fn penalties(&self) -> [DMatrix<f64>; 3] {
         let total = self.len();
         let mut load = DMatrix::zeros(total, total);
         load.view_mut((0, 0), (self.load.len(), self.load.len()))
             .copy_from(&self.load.penalty(2));
-        let in_speed = if edges.is_some() {
-            // Below where valves open, oil flows in proportion to its pressure: c hardly changes at low speeds, and leaves
-            // dry friction alone.
-            let weights: Vec<f64> = (1..self.damping_speed.len())
-                .map(|j| 1.0 + (4.0 / j as f64).powi(6))
-                .collect();
-            self.damping_speed.weighted_penalty(&weights)
-        } else {
-            self.damping_speed.penalty(1)
-        };
-        let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
-        let one = |n: usize| DMatrix::<f64>::identity(n, n);
-        let twice = |block: [DMatrix<f64>; 2]| {
+        let surface = self.damping_coefficients[0].len();
+        let twice = |block: &dyn Fn(&[f64]) -> DMatrix<f64>| {
             let mut full = DMatrix::zeros(total, total);
-            for (direction, block) in block.into_iter().enumerate() {
-                let at = self.load.len() + direction * nq * nv;
-                full.view_mut((at, at), (nq * nv, nq * nv))
-                    .copy_from(&block);
+            for (direction, coefficients) in self.damping_coefficients.iter().enumerate() {
+                let at = self.load.len() + direction * surface;
+                full.view_mut((at, at), (surface, surface))
+                    .copy_from(&block(coefficients));
             }
             full
         };
-        let over_q = |direction: usize| {
-            let even = edges.map_or_else(
-                || self.damping_q.penalty(2),
-                |edges| self.damping_q.weighted_penalty(&edges[direction]),
-            );
-            even.kronecker(&one(nv))
-        };
-        let [speed, ridge] = if edges.is_some() {
-            [1e-3, 1e-6]
-        } else {
-            [0.03, 1e-4]
-        };
-        let over_speed = one(nq).kronecker(&in_speed) * speed + one(nq * nv) * ridge;
+        if self.damping_speed.degree() == 0 {
+            let squares = self.damping_coefficients.iter().flatten().map(|c| c * c);
+            let size = squares.sum::<f64>() / (2 * surface) as f64;
+            let weight = |change: f64| {
+                if size > 0.0 {
+                    1.0 / (SMALL + change * change / size)
+                } else {
+                    1.0
+                }
+            };
+            let over_q = |c: &[f64]| {
+                let steps: Vec<f64> = c.windows(2).map(|w| weight(w[1] - w[0])).collect();
+                self.damping_q.weighted_penalty(&steps)
+            };
+            let level = |c: &[f64]| {
+                let levels = c.iter().map(|c| LEVEL * weight(*c));
+                DMatrix::from_diagonal(&DVector::from_iterator(surface, levels))
+            };
+            return [load, twice(&over_q), twice(&level)];
+        }
+        let one = |n: usize| DMatrix::<f64>::identity(n, n);
+        let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
+        let over_q = self.damping_q.penalty(2).kronecker(&one(nv));
+        let over_speed =
+            one(nq).kronecker(&self.damping_speed.penalty(1)) * 0.03 + one(nq * nv) * 1e-4;
         [
             load,
-            twice([over_q(0), over_q(1)]),
-            twice([over_speed.clone(), over_speed]),
+            twice(&|_| over_q.clone()),
+            twice(&|_| over_speed.clone()),
         ]
-    }
-
-    /// Weights that let the damping of `coefficients` (all, as for [`SplineMechanism::set`]) keep its edges: the inverse of the
-    /// squared step, relative to the root mean square damping, and at most 100.
-    #[must_use]
-    pub fn edges(&self, coefficients: &[f64]) -> [Vec<f64>; 2] {
-        let (nq, nv) = (self.damping_q.len(), self.damping_speed.len());
-        let damping = &coefficients[self.load.len()..];
-        let size = rms(damping).powi(2).max(f64::MIN_POSITIVE);
-        [0, 1].map(|direction| {
-            let surface = &damping[direction * nq * nv..(direction + 1) * nq * nv];
-            (0..nq - 1)
-                .map(|i| {
-                    let step = (0..nv)
-                        .map(|j| (surface[(i + 1) * nv + j] - surface[i * nv + j]).powi(2))
-                        .sum::<f64>()
-                        / nv as f64;
-                    1.0 / (0.01 + step / size)
-                })
-                .collect()
-        })
     }
 
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {
@@ -293,6 +347,32 @@ impl SplineMechanism {
             ((first_q + i) * nv + first_speed + j, in_q[i] * in_speed[j])
         })
     }
+}
+
+/// Entries of a valve's bends, from column `first` on, and in column `rest` what the linear effort of all coefficients lacks.
+fn bends_of(
+    valve: &Valve,
+    u: f64,
+    sign: f64,
+    first: usize,
+    rest: usize,
+) -> impl Iterator<Item = (usize, f64)> {
+    let linear = if valve.is_straight() {
+        u
+    } else {
+        let by_bends = valve.by_bends(u).zip(&valve.bends);
+        valve.slope(u) * u
+            + by_bends
+                .map(|(by, bend)| by[0] * bend.at + by[1] * bend.slope)
+                .sum::<f64>()
+    };
+    let lacking = (rest, sign * (valve.effort(u) - linear));
+    let bends = valve
+        .by_bends(u)
+        .flatten()
+        .enumerate()
+        .map(move |(j, by)| (first + j, sign * by));
+    bends.chain((lacking.1 != 0.0).then_some(lacking))
 }
 
 impl Mechanism for SplineMechanism {
@@ -335,8 +415,10 @@ mod tests {
             .map(|j| ((j * 7) % 5) as f64 * 0.3)
             .collect();
         mechanism.set(&coefficients);
-        let by_column =
-            mechanism.regressor(&motion).unwrap() * nalgebra::DVector::from_vec(coefficients);
+        let by_column = mechanism
+            .linearised(&motion, &mechanism.load_columns(&motion))
+            .columns
+            * nalgebra::DVector::from_vec(coefficients);
         let direct: Vec<f64> = motion
             .q
             .iter()
@@ -350,6 +432,45 @@ mod tests {
                 .zip(&direct)
                 .all(|(a, b)| (a - b).abs() < 1e-9)
         );
+    }
+
+    #[test]
+    fn behind_a_valve_the_columns_and_the_rest_give_the_effort_and_its_change() {
+        let motion = motion();
+        let mut mechanism = SplineMechanism::valved(&motion);
+        mechanism.valves[1].bends.push(Bend {
+            at: 1.5,
+            slope: 0.1,
+        });
+        let mut coefficients: Vec<f64> = (0..mechanism.len())
+            .map(|j| 1.0 + ((j * 7) % 5) as f64)
+            .collect();
+        let last = coefficients.len() - 1;
+        (coefficients[last - 1], coefficients[last]) = (1.5, 0.1);
+        mechanism.set(&coefficients);
+        assert_eq!(mechanism.coefficients(), coefficients);
+        let effort = |mechanism: &SplineMechanism| {
+            let states = motion.q.iter().zip(&motion.dq);
+            let raw: Vec<f64> = states.map(|(q, dq)| mechanism.effort(*q, *dq)).collect();
+            motion.regressor(&raw).unwrap()
+        };
+        let here = effort(&mechanism);
+        let linear = mechanism.linearised(&motion, &mechanism.load_columns(&motion));
+        let given = &linear.columns * DVector::from_column_slice(&coefficients);
+        for ((g, r), e) in given.iter().zip(&linear.rest).zip(&here) {
+            assert!((g + r - e).abs() < 1e-9);
+        }
+        for j in [25, 70, last - 1, last] {
+            let mut other = mechanism.clone();
+            let mut moved = coefficients.clone();
+            moved[j] += 1e-5;
+            other.set(&moved);
+            let there = effort(&other);
+            let error: f64 = (0..here.len())
+                .map(|k| ((there[k] - here[k]) / 1e-5 - linear.columns[(k, j)]).abs())
+                .fold(0.0, f64::max);
+            assert!(error < 2e-3, "{j}: {error}");
+        }
     }
 
     #[test]

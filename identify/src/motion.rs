@@ -7,13 +7,18 @@
 //!
 //! Samples for the fit are then taken at about four times the cut-off and gated by name.
 
+mod cover;
 mod gate;
+mod kernel;
 mod stroke;
 
+pub use kernel::SparseColumns;
 pub use stroke::strokes;
 
 use core::ops::Range;
 use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
 
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
 use crate::samples::{JointSamples, quantile};
@@ -112,6 +117,7 @@ pub struct Motion {
     /// Speed below which the joint is taken as stuck.
     pub slow_speed: f64,
     filter: LowPass,
+    kernel: kernel::Kernel,
 }
 
 const MIN_RUN_S: f64 = 1.0;
@@ -164,6 +170,7 @@ impl Motion {
         })?;
         let dq = by_run(&work.runs, &q, |part| Ok(first_derivative(part, period)))?;
         let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
+        let filter = LowPass::butterworth(settings.order, cutoff, work_rate)?;
         let mut motion = Self {
             kind: samples.kind,
             period,
@@ -180,7 +187,8 @@ impl Motion {
             kept: Vec::new(),
             gated: BTreeMap::new(),
             slow_speed: 0.0,
-            filter: LowPass::butterworth(settings.order, cutoff, work_rate)?,
+            kernel: kernel::Kernel::of(&filter, cutoff, work_rate)?,
+            filter,
         };
         let total = gate::apply(&mut motion, cutoff);
         if motion.kept.len() < MIN_KEPT {
@@ -214,7 +222,26 @@ impl Motion {
     /// # Errors
     /// As [`Motion::filtered`].
     pub fn regressor(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
-        Ok(self.at_kept(&self.filtered(series)?))
+        if series.len() != self.q.len() {
+            return Err(MotionError::Filter(FilterError::TooShort {
+                got: series.len(),
+                needed: self.q.len(),
+            }));
+        }
+        let mut run = 0;
+        let filtered = self.kept.iter().map(|&i| {
+            while run + 1 < self.runs.len() && i >= self.runs[run].end {
+                run += 1;
+            }
+            self.kernel.at(&self.runs[run], i, series)
+        });
+        Ok(filtered.collect())
+    }
+
+    /// Regressors that are zero nearly everywhere, as [`Motion::regressor`]; (kept samples, `columns`).
+    #[must_use]
+    pub fn sparse_regressor(&self, entries: &SparseColumns, columns: usize) -> DMatrix<f64> {
+        entries.filtered(&self.kernel, &self.runs, &self.kept, columns)
     }
 
     /// First derivative of a series at the work rate, run by run.
@@ -259,6 +286,16 @@ impl Motion {
             kept_strokes.iter().map(|s| (s / 2) % count).collect(),
             count,
         )
+    }
+}
+
+impl Motion {
+    /// Which kept samples count for held-out errors: those whose coordinate, direction and speed another fold of
+    /// [`Motion::folds`] has probed too.
+    #[must_use]
+    pub fn covered(&self) -> Vec<bool> {
+        let (folds, count) = self.folds();
+        cover::covered(self, &folds, count)
     }
 }
 

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::dynamics::EffortModel;
-use crate::mechanism::{Domain, Mechanism, SplineMechanism};
+use crate::mechanism::{Domain, Mechanism, SplineMechanism, Valve};
 use crate::report::effects::TwinEffect;
 use crate::screw::{JointKind, ScrewAxis};
 use crate::spline::Basis;
@@ -136,6 +136,9 @@ pub struct SurfaceSpline {
     pub degree: [usize; 2],
     /// Coefficients.
     pub coefficients: Vec<f64>,
+    /// What becomes of `c |dq|`: place and slope of each bend of a piecewise straight line from 0, at first of slope 1.
+    #[serde(default, skip_serializing_if = "Valve::is_straight")]
+    pub valve: Valve,
 }
 
 /// Where a twin comes from.
@@ -356,12 +359,13 @@ impl TwinMechanism {
         };
         let load = mechanism.load_basis();
         let (in_q, in_speed) = mechanism.damping_bases();
-        let surface = |coefficients: &Vec<f64>| SurfaceSpline {
+        let surface = |coefficients: &Vec<f64>, valve: &Valve| SurfaceSpline {
             interval_q: pair(in_q),
             interval_sqrt_speed: pair(in_speed),
             pieces: [in_q.intervals(), in_speed.intervals()],
             degree: [in_q.degree(), in_speed.degree()],
             coefficients: coefficients.clone(),
+            valve: valve.clone(),
         };
         let [opening, closing] = &mechanism.damping_coefficients;
         Self {
@@ -372,7 +376,10 @@ impl TwinMechanism {
                 degree: load.degree(),
                 coefficients: mechanism.load_coefficients.clone(),
             },
-            damping: [surface(opening), surface(closing)],
+            damping: [
+                surface(opening, &mechanism.valves[0]),
+                surface(closing, &mechanism.valves[1]),
+            ],
         }
     }
 }

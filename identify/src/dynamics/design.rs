@@ -7,7 +7,7 @@ use crate::effect::{Column, Effect};
 use crate::least_squares::{
     Bound, FitError, bounded_quadratic, covariance_of_free, effective_count,
 };
-use crate::mechanism::SplineMechanism;
+use crate::mechanism::{Linearised, SplineMechanism};
 use crate::motion::Motion;
 
 /// `tau = y [theta, mechanism coefficients]`.
@@ -19,10 +19,12 @@ pub(super) struct Design {
     pub(super) units: Vec<String>,
     /// Number of parametric columns, which come first.
     pub(super) params: usize,
-    folds: (Vec<usize>, usize),
-    gram: DMatrix<f64>,
-    right: DVector<f64>,
-    penalties: Vec<DMatrix<f64>>,
+    pub(super) folds: (Vec<usize>, usize),
+    /// Samples that count for held-out errors.
+    pub(super) scored: Vec<bool>,
+    pub(super) gram: DMatrix<f64>,
+    pub(super) right: DVector<f64>,
+    pub(super) penalties: Vec<DMatrix<f64>>,
     scale: DVector<f64>,
     /// What a coefficient of the damping must gain before it is let in; zero for all others.
     threshold: DVector<f64>,
@@ -48,13 +50,53 @@ impl Design {
         }
         let tau = motion.regressor(&motion.tau)?;
         let mut design = Self::of_columns(columns, tau, motion.folds())?;
+        design.scored = motion.covered();
         if let Some(mechanism) = mechanism {
-            design.add_mechanism(mechanism, &mechanism.regressor(motion)?);
-            design.set_penalties(&mechanism.penalties(None));
-            design.set_threshold();
+            design = design.with_surfaces(motion, mechanism);
         }
         design.check()?;
         Ok(design)
+    }
+
+    /// This design's parameters with a mechanism as surfaces, which are linear; only damping that the data ask for is let in.
+    pub(super) fn with_surfaces(&self, motion: &Motion, mechanism: &SplineMechanism) -> Self {
+        let load = mechanism.load_columns(motion);
+        let mut design = self.near(mechanism, &mechanism.linearised(motion, &load));
+        design.set_threshold();
+        design
+    }
+
+    /// This design's parameters with a mechanism near the coefficients it has, all of its damping let in.
+    pub(super) fn near(&self, mechanism: &SplineMechanism, effort: &Linearised) -> Self {
+        let (params, total) = (self.params, self.params + mechanism.len());
+        let mut y = self.y.clone().resize_horizontally(total, 0.0);
+        y.columns_mut(params, mechanism.len())
+            .copy_from(&effort.columns);
+        let tau = &self.tau - DVector::from_column_slice(&effort.rest);
+        let (gram, right) = normal(&y, &tau);
+        let mut bounds = self.bounds.clone();
+        bounds.extend(mechanism.bounds());
+        let penalties = mechanism.penalties().map(|penalty| {
+            let mut full = DMatrix::zeros(total, total);
+            full.view_mut((params, params), penalty.shape())
+                .copy_from(&penalty);
+            full
+        });
+        Self {
+            y,
+            tau,
+            bounds,
+            names: self.names.clone(),
+            units: self.units.clone(),
+            params,
+            folds: self.folds.clone(),
+            scored: self.scored.clone(),
+            gram,
+            right,
+            penalties: penalties.to_vec(),
+            scale: self.scale.clone().resize_vertically(total, 1.0),
+            threshold: DVector::zeros(total),
+        }
     }
 
     /// Columns without a mechanism; `folds` = fold of each sample and their number.
@@ -90,6 +132,7 @@ impl Design {
             names,
             units,
             params,
+            scored: vec![true; folds.0.len()],
             folds,
             gram,
             right,
@@ -99,68 +142,6 @@ impl Design {
         };
         design.check()?;
         Ok(design)
-    }
-
-    fn add_mechanism(&mut self, mechanism: &SplineMechanism, regressor: &DMatrix<f64>) {
-        let (params, total) = (self.params, self.params + mechanism.len());
-        self.y = self.y.clone().resize_horizontally(total, 0.0);
-        self.y
-            .columns_mut(params, mechanism.len())
-            .copy_from(regressor);
-        self.bounds.extend(mechanism.bounds());
-        self.scale = self.scale.clone().resize_vertically(total, 1.0);
-        self.threshold = DVector::zeros(total);
-        (self.gram, self.right) = normal(&self.y, &self.tau);
-    }
-
-    fn set_penalties(&mut self, of_mechanism: &[DMatrix<f64>]) {
-        let (params, total) = (self.params, self.y.ncols());
-        self.penalties = of_mechanism
-            .iter()
-            .map(|penalty| {
-                let mut full = DMatrix::zeros(total, total);
-                full.view_mut((params, params), penalty.shape())
-                    .copy_from(penalty);
-                full
-            })
-            .collect();
-    }
-
-    /// Lets the damping have edges where it wants them: fits, weighs the penalty anew with the fit, and again. Gives the
-    /// smoothing with the least held-out error of those tried, and that error; the penalties stay as they were for it.
-    pub(super) fn sharpen(&mut self, mechanism: &SplineMechanism) -> ([f64; 2], f64) {
-        const STRENGTHS: [f64; 3] = [1e-3, 1e-2, 0.1];
-        let even = [0, 1].map(|_| vec![1.0; mechanism.damping_bases().0.len() - 1]);
-        let mut best: Option<([f64; 2], f64, [Vec<f64>; 2])> = None;
-        self.set_penalties(&mechanism.penalties(Some(&even)));
-        // Held together over q, no coefficient has to show itself alone.
-        self.threshold.fill(0.0);
-        let (start, _) = self.solve(&[0.01, 1.0]);
-        for strength in STRENGTHS {
-            let smoothing = [0.01, strength];
-            let mut solution = start.clone();
-            let mut edges = even.clone();
-            for _ in 0..3 {
-                edges = mechanism.edges(&solution.as_slice()[self.params..]);
-                self.set_penalties(&mechanism.penalties(Some(&edges)));
-                solution = self.solve(&smoothing).0;
-            }
-            let error = self.held_out(&smoothing);
-            if best.as_ref().is_none_or(|best| error < best.1) {
-                best = Some((smoothing, error, edges));
-            }
-        }
-        let (mut smoothing, mut error, edges) = best.unwrap_or(([0.01, 1.0], f64::INFINITY, even));
-        self.set_penalties(&mechanism.penalties(Some(&edges)));
-        let folds = self.fold_normals();
-        for load in [1e-4, 1e-3, 0.1, 1.0] {
-            let tried = [load, smoothing[1]];
-            let other = self.held_out_of(&folds, &tried);
-            if other < error {
-                (smoothing, error) = (tried, other);
-            }
-        }
-        (smoothing, error)
     }
 
     /// Effort of the damping over the measured effort, both as root mean squares.
@@ -224,11 +205,15 @@ impl Design {
 
     /// Smoothing with the least held-out error, and that error. One strength after the other, twice.
     pub(super) fn choose_smoothing(&self) -> ([f64; 2], f64) {
+        self.choose_among([0.01, 0.1], [&LOAD_GRID, &DAMPING_GRID])
+    }
+
+    /// As [`Design::choose_smoothing`], from `start` on, among the values given for load and damping.
+    pub(super) fn choose_among(&self, start: [f64; 2], grids: [&[f64]; 2]) -> ([f64; 2], f64) {
         let folds = self.fold_normals();
-        let mut best = ([0.01, 0.1], f64::INFINITY);
+        let mut best = (start, f64::INFINITY);
         for grid in [0, 1, 0] {
-            let values: &[f64] = if grid == 0 { &LOAD_GRID } else { &DAMPING_GRID };
-            for value in values {
+            for value in grids[grid] {
                 let mut smoothing = best.0;
                 smoothing[grid] = *value;
                 let error = self.held_out_of(&folds, &smoothing);
@@ -341,16 +326,28 @@ impl Design {
                 if rows.is_empty() || rows.len() == fold_of.len() {
                     return None;
                 }
-                let (y, tau) = (self.y.select_rows(&rows), self.tau.select_rows(&rows));
-                let (gram, right) = normal(&y, &tau);
                 Some(Fold {
-                    gram,
-                    right,
-                    square: tau.norm_squared(),
-                    samples: rows.len(),
+                    all: self.part(&rows),
+                    scored: self.part(
+                        &rows
+                            .into_iter()
+                            .filter(|&i| self.scored[i])
+                            .collect::<Vec<_>>(),
+                    ),
                 })
             })
             .collect()
+    }
+
+    pub(super) fn part(&self, rows: &[usize]) -> Part {
+        let (y, tau) = (self.y.select_rows(rows), self.tau.select_rows(rows));
+        let (gram, right) = normal(&y, &tau);
+        Part {
+            gram,
+            right,
+            square: tau.norm_squared(),
+            samples: rows.len(),
+        }
     }
 
     fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2]) -> f64 {
@@ -358,19 +355,25 @@ impl Design {
         let mut samples = 0;
         let mut warm: Option<Vec<bool>> = None;
         for fold in folds {
-            let share = 1.0 - fold.samples as f64 / self.tau.len() as f64;
-            let h = self.penalized(&(&self.gram - &fold.gram), smoothing, share);
-            let x = self.minimum(&h, &(&self.right - &fold.right), share, warm.as_deref());
+            let share = 1.0 - fold.all.samples as f64 / self.tau.len() as f64;
+            let h = self.penalized(&(&self.gram - &fold.all.gram), smoothing, share);
+            let x = self.minimum(&h, &(&self.right - &fold.all.right), share, warm.as_deref());
             warm = Some(x.iter().map(|v| *v != 0.0).collect());
-            square += (fold.square - 2.0 * x.dot(&fold.right) + x.dot(&(&fold.gram * &x))).max(0.0);
-            samples += fold.samples;
+            let part = &fold.scored;
+            square += (part.square - 2.0 * x.dot(&part.right) + x.dot(&(&part.gram * &x))).max(0.0);
+            samples += part.samples;
         }
         (square / samples.max(1) as f64).sqrt()
     }
 
     /// Normal matrix with penalties; `share` of the samples are in it. A trace of ridge keeps it definite where the
     /// motion never was.
-    fn penalized(&self, gram: &DMatrix<f64>, smoothing: &[f64; 2], share: f64) -> DMatrix<f64> {
+    pub(super) fn penalized(
+        &self,
+        gram: &DMatrix<f64>,
+        smoothing: &[f64; 2],
+        share: f64,
+    ) -> DMatrix<f64> {
         let mut h = gram.clone();
         for (penalty, strength) in self.penalties.iter().zip(smoothing.iter().chain(&[1.0])) {
             let weight = strength * share * self.unit_weight(penalty);
@@ -392,7 +395,7 @@ impl Design {
 
     /// Minimum with bounds. First with the threshold, which lets in only the damping that the data ask for; then without
     /// it over what was let in, so that nothing is shrunk.
-    fn minimum(
+    pub(super) fn minimum(
         &self,
         h: &DMatrix<f64>,
         right: &DVector<f64>,
@@ -431,13 +434,21 @@ impl Design {
     }
 }
 
+/// The samples of one fold, and those of them that count.
 struct Fold {
-    gram: DMatrix<f64>,
-    right: DVector<f64>,
+    all: Part,
+    scored: Part,
+}
+
+/// The normal matrix of some samples.
+pub(super) struct Part {
+    pub(super) gram: DMatrix<f64>,
+    pub(super) right: DVector<f64>,
     square: f64,
-    samples: usize,
+    pub(super) samples: usize,
 }
 
 fn normal(y: &DMatrix<f64>, tau: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
-    (y.tr_mul(y), y.tr_mul(tau))
+    let turned = y.transpose();
+    (&turned * y, turned * tau)
 }

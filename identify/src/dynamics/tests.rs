@@ -281,10 +281,12 @@ fn a_relief_valve_and_an_edge_are_followed_and_friction_is_right_or_withdrawn() 
     let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
     let model = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
     let mechanism = model.mechanism.as_ref().unwrap();
-    assert_eq!(
-        mechanism.damping_bases().0.len(),
-        29,
-        "the fine division was worth it"
+    let [opening, closing] = &mechanism.valves;
+    assert!(opening.is_straight(), "{opening:?}");
+    assert_eq!(closing.bends.len(), 1, "{closing:?}");
+    assert!(
+        (closing.bends[0].at - 5.0).abs() < 0.5 && (closing.bends[0].slope - 0.1).abs() < 0.05,
+        "{closing:?}"
     );
     assert!(
         (model.value("inertia").unwrap() / 3.0 - 1.0).abs() < 0.02,

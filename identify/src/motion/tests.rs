@@ -172,3 +172,49 @@ fn a_blow_against_the_stop_is_left_out_with_the_filters_ringing_and_a_gentle_tur
     assert_eq!(kept(7.3, 7.7) + kept(8.3, 8.7), 0);
     assert!(kept(3.3, 3.7) > 5, "{}", kept(3.3, 3.7));
 }
+
+#[test]
+fn single_samples_are_filtered_as_the_whole_series() {
+    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    let series: Vec<f64> = motion.dq.iter().map(|v| v.signum() + v).collect();
+    let whole = motion.at_kept(&motion.filtered(&series).unwrap());
+    let mut sparse = SparseColumns::with_capacity(series.len(), 1);
+    for value in &series {
+        sparse.push([(1, *value)]);
+    }
+    let sparse = motion.sparse_regressor(&sparse, 2);
+    let single = motion.regressor(&series).unwrap();
+    for (k, whole) in whole.iter().enumerate() {
+        assert!((single[k] - whole).abs() < 1e-3, "{k}");
+        assert!((sparse[(k, 1)] - single[k]).abs() < 1e-12, "{k}");
+        assert_eq!(sparse[(k, 0)], 0.0);
+    }
+}
+
+#[test]
+fn the_one_stroke_faster_than_all_others_does_not_count_as_held_out() {
+    let mut samples = sine(24.0, 500.0, 0.4);
+    // One period at twice the speed, joined where the joint stands still.
+    let fast: Vec<f64> = (0..500)
+        .map(|i| 0.4 * (1.0 - (2.0 * PI * f64::from(i) / 500.0).cos()))
+        .collect();
+    samples.q.splice(10_000..11_000, fast);
+    samples.tau.truncate(11_500);
+    samples.time.truncate(11_500);
+    samples.runs = vec![0..11_500];
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let covered = motion.covered();
+    let speeds = motion.at_kept(&motion.dq);
+    for (covered, speed) in covered.iter().zip(&speeds) {
+        assert!(*covered || speed.abs() > 0.3, "{speed}");
+    }
+    let both = |fast: bool| {
+        covered
+            .iter()
+            .zip(&speeds)
+            .filter(|(covered, v)| (v.abs() > 1.5) == fast && **covered)
+            .count()
+    };
+    assert!(both(false) > 300);
+    assert_eq!(both(true), 0, "the fast period lies in one fold");
+}

@@ -207,7 +207,7 @@ impl TwinEffect {
             value,
             unit,
         };
-        let mut theta = analysis.named.theta.iter().skip(3);
+        let mut theta = analysis.full.theta.iter().skip(3);
         let mut out = Vec::new();
         for found in diagnosis.found() {
             let terms: Vec<TwinNumber> = found

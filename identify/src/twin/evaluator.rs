@@ -2,7 +2,7 @@
 
 use super::{Coordinate, Spline, SurfaceSpline, Twin};
 use crate::effect::library::{AtState, kind};
-use crate::mechanism::Domain;
+use crate::mechanism::{Domain, Valve};
 use crate::spline::Basis;
 
 /// A speed so small that every term has its value at the start of a motion, in rad/s or m/s.
@@ -72,6 +72,7 @@ struct Surface {
     in_q: Basis,
     in_root_speed: Basis,
     coefficients: Vec<f64>,
+    valve: Valve,
 }
 
 impl Evaluator {
@@ -125,7 +126,7 @@ impl Evaluator {
         let sgn = if dq == 0.0 { 0.0 } else { dq.signum() };
         let named: f64 = self.effects.iter().map(|effect| effect.effort(q, dq)).sum();
         let mechanism = self.mechanism.as_ref().map_or(0.0, |(load, damping)| {
-            load.value(q) + damping[usize::from(dq < 0.0)].value(q, dq.abs().sqrt()) * dq
+            load.value(q) + damping[usize::from(dq < 0.0)].effort(q, dq)
         });
         Terms {
             inertia: sign * self.inertia * ddq,
@@ -244,7 +245,14 @@ impl Surface {
             in_q: basis(spline.interval_q, 0),
             in_root_speed: basis(spline.interval_sqrt_speed, 1),
             coefficients: spline.coefficients.clone(),
+            valve: spline.valve.clone(),
         }
+    }
+
+    fn effort(&self, q: f64, dq: f64) -> f64 {
+        let speed = dq.abs();
+        let size = self.valve.effort(self.value(q, speed.sqrt()) * speed);
+        if dq < 0.0 { -size } else { size }
     }
 
     fn value(&self, q: f64, root_speed: f64) -> f64 {

@@ -1,0 +1,354 @@
+//! The fit with damping behind valves, which is not linear: Gauss and Newton's steps on the linearised design.
+//!
+//! 1. Straight valves: linear; the penalty of the damping is weighed anew with what was fitted, so that edges appear.
+//! 2. For each direction, a bend where it gains most, as long as it gains more than chance would.
+//! 3. Smoothing by the error on held-out strokes, linearised; then the steps until they end.
+//!
+//! The held-out error is that of fits that begin at the whole fit and take the same steps without the fold.
+
+use std::rc::Rc;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use super::design::Design;
+use crate::least_squares::Bound;
+use crate::mechanism::{Bend, SplineMechanism};
+use crate::motion::Motion;
+
+/// Smoothing of load and damping to begin with, and what is tried.
+const START: [f64; 2] = [0.01, 1e-3];
+const LOADS: [f64; 3] = [1e-3, 0.01, 0.3];
+const DAMPINGS: [f64; 2] = [1e-4, 1e-3];
+/// Places over the efforts seen at which a bend is looked for.
+const PLACES: usize = 16;
+/// Steps after a new bend, at most.
+const BEND_STEPS: usize = 12;
+/// Bends of one valve.
+const MOST_BENDS: usize = 2;
+/// A bend must lower the logarithm of the squared residual, times the samples, by so much: two parameters and their choice.
+const EVIDENCE: f64 = 40.0;
+/// Relative change of slope that a bend must make.
+const SLIGHT: f64 = 0.25;
+/// Effort at which a valve may bend, over the residual.
+const LEAST_BEND: f64 = 4.0;
+/// Step of a bend's place and slope that the data must pay for, as a share of the effort.
+const HOLD: [f64; 2] = [1e-4, 1e-4];
+
+/// A mechanism behind valves, fitted.
+#[derive(Clone)]
+pub(super) struct Valved {
+    /// Parameters, in the order of the design's.
+    pub(super) theta: DVector<f64>,
+    pub(super) mechanism: SplineMechanism,
+    /// The load's columns, which stay.
+    load: Rc<DMatrix<f64>>,
+    pub(super) smoothing: [f64; 2],
+    pub(super) held_out_rms: f64,
+}
+
+impl Valved {
+    /// Fits a mechanism together with the parameters of `parametric`, a design without a mechanism; `surfaces` = a fit without
+    /// valves.
+    pub(super) fn fit(parametric: &Design, motion: &Motion, surfaces: &SplineMechanism) -> Self {
+        let mechanism = SplineMechanism::valved(motion);
+        let mut fit = Self {
+            theta: DVector::zeros(parametric.params),
+            load: Rc::new(mechanism.load_columns(motion)),
+            mechanism,
+            smoothing: START,
+            held_out_rms: f64::INFINITY,
+        };
+        for _ in 0..3 {
+            fit.steps(parametric, motion, 1);
+        }
+        let straight = fit.residual_square(&fit.design(parametric, motion));
+        // A valve that was open most of the time hides how steep its line begins; slow strokes tell.
+        let mut steep = fit.clone();
+        steep.mechanism.damp_as_slow(surfaces, motion);
+        let bent = [&fit, &steep]
+            .into_iter()
+            .filter_map(|start| start.bent(parametric, motion, straight))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((bent, _)) = bent {
+            fit = bent;
+        }
+        if fit.drop_slight_bends(&fit.design(parametric, motion)) {
+            fit.steps(parametric, motion, 4);
+        }
+        let design = fit.design(parametric, motion);
+        (fit.smoothing, _) = design.choose_among(fit.smoothing, [&LOADS, &DAMPINGS]);
+        fit.steps(parametric, motion, 2);
+        if fit.drop_slight_bends(&fit.design(parametric, motion)) {
+            fit.steps(parametric, motion, 2);
+        }
+        fit.steps(parametric, motion, 2);
+        fit.held_out_rms = fit.held_out(parametric, motion);
+        fit
+    }
+
+    /// The design at the fit.
+    pub(super) fn design(&self, parametric: &Design, motion: &Motion) -> Design {
+        parametric.near(
+            &self.mechanism,
+            &self.mechanism.linearised(motion, &self.load),
+        )
+    }
+
+    /// Predicted effort at the kept samples: exact, not linearised.
+    pub(super) fn predicted(&self, design: &Design, parametric: &Design) -> DVector<f64> {
+        &design.y * self.solution() + &parametric.tau - &design.tau
+    }
+
+    fn solution(&self) -> DVector<f64> {
+        let mechanism = self.mechanism.coefficients();
+        DVector::from_iterator(
+            self.theta.len() + mechanism.len(),
+            self.theta.iter().copied().chain(mechanism),
+        )
+    }
+
+    fn residual_square(&self, design: &Design) -> f64 {
+        (&design.tau - &design.y * self.solution()).norm_squared()
+    }
+
+    /// Takes `count` steps with the penalties of the damping as it is now.
+    fn steps(&mut self, parametric: &Design, motion: &Motion, count: usize) {
+        let mut design = self.design(parametric, motion);
+        self.step(&design, None);
+        for _ in 1..count {
+            let penalties = design.penalties;
+            design = self.design(parametric, motion);
+            design.penalties = penalties;
+            self.step(&design, None);
+        }
+    }
+
+    /// One step, without the samples of `left_out`.
+    fn step(&mut self, design: &Design, left_out: Option<&[usize]>) {
+        let total = design.tau.len();
+        let (mut gram, mut right) = (design.gram.clone(), design.right.clone());
+        let mut share = 1.0;
+        if let Some(rows) = left_out {
+            let part = design.part(rows);
+            gram -= part.gram;
+            right -= part.right;
+            share -= rows.len() as f64 / total as f64;
+        }
+        let first = design.params + self.mechanism.first_bend();
+        let now = self.solution();
+        let size = share * design.tau.norm_squared();
+        for j in first..now.len() {
+            let place = (j - first).is_multiple_of(2);
+            let weight = if place {
+                HOLD[0] * size / now[j].max(f64::MIN_POSITIVE).powi(2)
+            } else {
+                HOLD[1] * size
+            };
+            gram[(j, j)] += weight;
+            right[j] += weight * now[j];
+        }
+        let h = design.penalized(&gram, &self.smoothing, share);
+        let warm: Vec<bool> = now.iter().map(|v| *v != 0.0).collect();
+        let mut x = design.minimum(&h, &right, share, Some(&warm));
+        // The whole step is as long as its bends may move: shortening theirs alone would leave the rest without its reason.
+        let length = (first..now.len()).step_by(2).fold(1.0_f64, |length, j| {
+            let change = x[j] - now[j];
+            let most = if change > 0.0 { 0.5 } else { 0.33 } * now[j];
+            length.min(most / change.abs().max(f64::MIN_POSITIVE))
+        });
+        x = &now + (x - &now) * length;
+        self.theta = x.rows(0, design.params).into_owned();
+        self.mechanism.set(&x.as_slice()[design.params..]);
+    }
+
+    /// The fit with all bends that are worth it, and its squared residual; `square` = that of straight valves. Nothing when
+    /// there is no such bend.
+    fn bent(&self, parametric: &Design, motion: &Motion, mut square: f64) -> Option<(Self, f64)> {
+        let mut best: Option<Self> = None;
+        let mut room = [MOST_BENDS; 2];
+        while room != [0, 0] {
+            let fit = best.as_ref().unwrap_or(self);
+            let design = fit.design(parametric, motion);
+            let bends = fit.best_bends(&design, motion);
+            let found = bends.into_iter().enumerate().filter(|(d, _)| room[*d] > 0);
+            let Some((direction, (_, bend))) = found
+                .filter_map(|(direction, bend)| Some((direction, bend?)))
+                .max_by(|a, b| a.1.0.total_cmp(&b.1.0))
+            else {
+                break;
+            };
+            let bent = fit.with_bend(parametric, motion, direction, bend);
+            let after = bent.residual_square(&bent.design(parametric, motion));
+            let gain = design.tau.len() as f64 * (square / after.max(f64::MIN_POSITIVE)).ln();
+            if gain < EVIDENCE {
+                room[direction] = 0;
+                continue;
+            }
+            room[direction] -= 1;
+            square = after;
+            best = Some(bent);
+        }
+        best.map(|best| (best, square))
+    }
+
+    /// The fit with one more bend.
+    fn with_bend(
+        &self,
+        parametric: &Design,
+        motion: &Motion,
+        direction: usize,
+        bend: Bend,
+    ) -> Self {
+        let mut bent = self.clone();
+        let bends = &mut bent.mechanism.valves[direction].bends;
+        bends.push(bend);
+        bends.sort_by(|a, b| a.at.total_cmp(&b.at));
+        let mut design = bent.design(parametric, motion);
+        let mut square = f64::INFINITY;
+        for _ in 0..BEND_STEPS {
+            let mut next = bent.clone();
+            next.step(&design, None);
+            let mut left = f64::INFINITY;
+            for _ in 0..4 {
+                let there = next.design(parametric, motion);
+                left = next.residual_square(&there);
+                if left < square {
+                    design = there;
+                    break;
+                }
+                next.back_to(&bent);
+            }
+            let slight = left > 0.997 * square;
+            if left < square {
+                (bent, square) = (next, left);
+            }
+            if slight {
+                break;
+            }
+        }
+        bent
+    }
+
+    /// Goes two thirds of the way back to `other`.
+    fn back_to(&mut self, other: &Self) {
+        let (now, before) = (self.solution(), other.solution());
+        let x = &before + (now - &before) / 3.0;
+        self.theta = x.rows(0, self.theta.len()).into_owned();
+        self.mechanism.set(&x.as_slice()[self.theta.len()..]);
+    }
+
+    /// Drops bends that change the slope by less than a quarter, which stand in for another that was not found yet, and bends
+    /// in the noise, where a valve would be dry friction by another name.
+    fn drop_slight_bends(&mut self, design: &Design) -> bool {
+        let mut dropped = false;
+        let least = LEAST_BEND * (self.residual_square(design) / design.tau.len() as f64).sqrt();
+        for valve in &mut self.mechanism.valves {
+            let mut before = 1.0;
+            valve.bends.retain(|bend| {
+                let bends = bend.at > least
+                    && (bend.slope - before).abs() > SLIGHT * before.max(bend.slope);
+                if bends {
+                    before = bend.slope;
+                }
+                dropped |= !bends;
+                bends
+            });
+        }
+        dropped
+    }
+
+    /// For each direction the place and slope of a further bend with the largest gain, everything else refitted in one step,
+    /// and that gain.
+    fn best_bends(&self, design: &Design, motion: &Motion) -> [Option<(f64, Bend)>; 2] {
+        let h = design.penalized(&design.gram, &self.smoothing, 1.0);
+        let now = self.solution();
+        let free: Vec<usize> = (0..now.len())
+            .filter(|&j| design.bounds[j] == Bound::Free || now[j] > 0.0)
+            .collect();
+        let part = DMatrix::from_fn(free.len(), free.len(), |i, j| h[(free[i], free[j])]);
+        let Some(factor) = Cholesky::new(part) else {
+            return [None, None];
+        };
+        let y = design.y.select_columns(&free);
+        let right = design.right.select_rows(&free);
+        let residual = &design.tau - &y * factor.solve(&right);
+        let least = LEAST_BEND * (residual.norm_squared() / residual.len() as f64).sqrt();
+        [0, 1].map(|direction| {
+            let efforts = self.proportional_efforts(motion, direction);
+            let most = motion.kept.iter().map(|&i| efforts[i]).fold(0.0, f64::max);
+            let sign = if direction == 0 { 1.0 } else { -1.0 };
+            let valve = &self.mechanism.valves[direction];
+            let taken = |at: f64| valve.bends.iter().any(|b| (b.at - at).abs() < 0.15 * b.at);
+            let gains = (1..PLACES)
+                .map(|k| most * k as f64 / PLACES as f64)
+                .filter(|&at| at > least && !taken(at))
+                .filter_map(|at| {
+                    let series: Vec<f64> =
+                        efforts.iter().map(|u| sign * (u - at).max(0.0)).collect();
+                    let column = DVector::from_vec(motion.regressor(&series).ok()?);
+                    let apart = &column - &y * factor.solve(&y.tr_mul(&column));
+                    let square = apart.dot(&column);
+                    if square <= 1e-9 * column.norm_squared() {
+                        return None;
+                    }
+                    let change = apart.dot(&residual) / square;
+                    let slope = (valve.slope(at) + change).clamp(0.05, 3.0);
+                    Some((change * change * square, Bend { at, slope }))
+                });
+            let best = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
+            // Later steps gain more than the first, but not from nothing.
+            let left = (1.0 - best.0 / residual.norm_squared()).max(1e-3);
+            (-(residual.len() as f64) * left.ln() > 0.5 * EVIDENCE).then_some(best)
+        })
+    }
+
+    /// What the valve of a direction is given at each sample; 0 in the other direction.
+    fn proportional_efforts(&self, motion: &Motion, direction: usize) -> Vec<f64> {
+        let states = motion.q.iter().zip(&motion.dq);
+        states
+            .map(|(&q, &dq)| {
+                if usize::from(dq < 0.0) == direction {
+                    self.mechanism.proportional(q, dq) * dq.abs()
+                } else {
+                    0.0
+                }
+            })
+            .collect()
+    }
+
+    /// Error on strokes that were left out.
+    fn held_out(&self, parametric: &Design, motion: &Motion) -> f64 {
+        const STEPS: usize = 3;
+        let whole = self.design(parametric, motion);
+        let (fold_of, count) = &parametric.folds;
+        let (mut square, mut samples) = (0.0, 0);
+        for fold in 0..*count {
+            let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
+            if rows.is_empty() || rows.len() == fold_of.len() {
+                continue;
+            }
+            let mut fit = self.clone();
+            let bent = fit
+                .mechanism
+                .valves
+                .iter()
+                .any(|valve| !valve.is_straight());
+            for step in 0..if bent { STEPS } else { 1 } {
+                if step == 0 {
+                    fit.step(&whole, Some(&rows));
+                } else {
+                    let mut design = fit.design(parametric, motion);
+                    design.penalties.clone_from(&whole.penalties);
+                    fit.step(&design, Some(&rows));
+                }
+            }
+            let design = fit.design(parametric, motion);
+            let residual = &design.tau - &design.y * fit.solution();
+            for i in rows.into_iter().filter(|&i| parametric.scored[i]) {
+                square += residual[i] * residual[i];
+                samples += 1;
+            }
+        }
+        (square / f64::from(samples.max(1))).sqrt()
+    }
+}
