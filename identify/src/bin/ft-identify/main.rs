@@ -31,6 +31,8 @@ const EXAMPLES: &str = "Examples:
   ft-identify bag.mcap --map /wrench=/ft/wrench -o out    a recording with other topic names
   ft-identify table axis.csv --time t --position q --effort f --kind prismatic -o axis
   ft-identify track poses.log                         the joint of a track of poses
+  ft-identify simulate door/twin.json --release 45deg    let it go: when does it close
+  ft-identify export door/twin.json --to mjcf,usd -o assets
 
 Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
 
@@ -96,6 +98,11 @@ enum Kind {
 }
 
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  ft-identify table axis.csv --time t --position q --effort f --kind prismatic -o axis
+  ft-identify table DATA_EMPS.csv --time t_s --position qm_m --effort force_N --kind prismatic \\
+      --lowpass-hz 100 --lowpass-order 4 --decimate 10 --drop-border 50 --offset -o emps     the published recipe")]
 struct TableArguments {
     /// CSV file with a header
     table: PathBuf,
@@ -134,6 +141,10 @@ struct TableArguments {
 }
 
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  ft-identify track poses.log
+  ft-identify track doors/*.log --json -o joints")]
 struct TrackArguments {
     /// Tracks; text with x y z or x y z qx qy qz qw per line, or CSV with a header
     #[arg(required = true)]
