@@ -75,6 +75,10 @@ pub enum Driver {
     AtiNetcanoem,
     /// A Dynamixel as the gripper's encoder.
     Dynamixel,
+    /// A CUI AMT21 as the gripper's encoder.
+    Amt21,
+    /// A microcontroller that prints the gripper's encoder in our own line format.
+    EncoderLine,
     /// A tracker that streams poses in our own format.
     PoseStream,
 }
@@ -92,7 +96,7 @@ impl Driver {
             | Self::KunweiKwr75
             | Self::Leptrino
             | Self::AtiNetcanoem => "/ft/wrench",
-            Self::Dynamixel => "/gripper/joint_states",
+            Self::Dynamixel | Self::Amt21 | Self::EncoderLine => "/gripper/joint_states",
             Self::PoseStream => "/aria/pose",
         }
     }
@@ -110,6 +114,8 @@ impl Driver {
             Self::Leptrino => "leptrino",
             Self::AtiNetcanoem => "ati_netcanoem",
             Self::Dynamixel => "dynamixel",
+            Self::Amt21 => "amt21",
+            Self::EncoderLine => "encoder_line",
             Self::PoseStream => "pose_stream",
         }
     }
@@ -127,6 +133,8 @@ impl Driver {
             Self::Leptrino,
             Self::AtiNetcanoem,
             Self::Dynamixel,
+            Self::Amt21,
+            Self::EncoderLine,
             Self::PoseStream,
         ]
         .into_iter()

@@ -1,5 +1,6 @@
 //! The drivers' own settings: `[device.settings]` of the configuration, checked, and the drivers made of them.
 
+mod encoders;
 mod optoforce;
 mod sensors;
 
@@ -8,8 +9,8 @@ use ft_drivers::options::{Sign, Startup};
 use ft_drivers::reading::Reading;
 use ft_drivers::robotous::{self, Filter, Scale};
 use ft_drivers::{
-    Device as Protocol, ati_netcanoem, bota_serial, dynamixel, kunwei_kwr75, leptrino,
-    optoforce_can, optoforce_serial, pose_stream, robotous_can, robotous_uart,
+    Device as Protocol, amt21, ati_netcanoem, bota_serial, dynamixel, encoder_line, kunwei_kwr75,
+    leptrino, optoforce_can, optoforce_serial, pose_stream, robotous_can, robotous_uart,
 };
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::{CanIds, FilterSetting};
@@ -127,11 +128,24 @@ pub fn with_driver<U: DriverUser>(
             Ok(user.can(make, settings.ids()))
         }
         Driver::Dynamixel => {
-            let settings: DynamixelSettings = read(device)?;
+            let settings: encoders::Dynamixel = read(device)?;
             let config = settings
                 .config(startup)
                 .map_err(|what| wrong(device, what))?;
             Ok(user.serial(move || dynamixel::Dynamixel::new(config), settings.baud_bps))
+        }
+        Driver::Amt21 => {
+            let settings: encoders::Amt21 = read(device)?;
+            let config = settings
+                .config(startup)
+                .map_err(|what| wrong(device, what))?;
+            Ok(user.serial(move || amt21::Amt21::new(config), settings.baud_bps))
+        }
+        Driver::EncoderLine => {
+            let settings: encoders::EncoderLine = read(device)?;
+            let config = settings.config().map_err(|what| wrong(device, what))?;
+            let make = move || encoder_line::EncoderLine::new(config);
+            Ok(user.serial(make, settings.baud_bps))
         }
         Driver::PoseStream => {
             let settings: PoseSettings = read(device)?;
@@ -304,44 +318,6 @@ impl RobotousSettings {
             sign: self.sign.into(),
             startup,
             ..robotous::Config::default()
-        })
-    }
-}
-
-/// Settings of `dynamixel`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct DynamixelSettings {
-    id: u8,
-    baud_bps: u32,
-    rate_hz: f64,
-}
-
-impl Default for DynamixelSettings {
-    fn default() -> Self {
-        Self {
-            id: 1,
-            baud_bps: 57_600,
-            rate_hz: 50.0,
-        }
-    }
-}
-
-impl DynamixelSettings {
-    fn config(&self, startup: Startup) -> Result<dynamixel::Config, String> {
-        if !(1.0..=1000.0).contains(&self.rate_hz) {
-            return Err(format!("rate_hz = {}: 1 to 1000", self.rate_hz));
-        }
-        if self.id > 252 {
-            return Err(format!("id = {}: 0 to 252", self.id));
-        }
-        Ok(dynamixel::Config {
-            id: self.id,
-            period: std::time::Duration::from_secs_f64(1.0 / self.rate_hz),
-            startup,
-            // A busy host may take longer than a busy line; an answer that is late is no sample lost.
-            answer_timeout: std::time::Duration::from_millis(100),
-            ..dynamixel::Config::default()
         })
     }
 }

@@ -79,6 +79,9 @@ fn transmission_us(device: &Fitted, driver: Driver) -> f64 {
         Driver::KunweiKwr75 => serial(28.0),
         Driver::Leptrino => serial(25.0),
         Driver::Dynamixel => serial(29.0),
+        Driver::Amt21 => serial(2.0),
+        // A line of usual length; it varies with its numbers.
+        Driver::EncoderLine => serial(23.0),
         Driver::PoseStream => serial(74.0),
         // 47 bits and 8 for each byte of every frame with an 11-bit id, without stuffing.
         Driver::RobotousCan => can(2.0, 16.0),

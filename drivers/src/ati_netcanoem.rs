@@ -282,7 +282,7 @@ impl AtiNetcanoem {
         }
         self.warn_of(status, at);
         let over = Status::TOO_HIGH | Status::TOO_LOW;
-        self.stages.deliver(WrenchReading {
+        self.stages.deliver(Reading::Wrench(WrenchReading {
             at: SampleInstant {
                 arrival: at,
                 device_ns: None,
@@ -291,7 +291,7 @@ impl AtiNetcanoem {
             temperature_celsius: None,
             quality: quality(status.has(!(over | Status::ANY)), status.has(over)),
             status_bits: status.0.into(),
-        });
+        }));
     }
 
     fn warn_of(&mut self, status: Status, at: HostTime) {

@@ -15,8 +15,6 @@
 //! # Source
 //! hardware.md 3.1, see [`ft_wire::dynamixel2`]; linkage of the Hoi! gripper: hardware.md 1.
 
-mod linkage;
-
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -26,11 +24,10 @@ use ft_wire::dynamixel2::{
 };
 use ft_wire::{Chunk, DecodeError, HostTime};
 
-pub use linkage::Linkage;
-
 use crate::device::{Counted, Device};
 use crate::framer::{Found, Framer};
 use crate::link::RxStamps;
+use crate::linkage::Linkage;
 use crate::options::Startup;
 use crate::reading::{Counts, DeviceEvent, Identity, Reading, SampleInstant, WidthReading};
 
@@ -112,6 +109,8 @@ pub struct Dynamixel {
     warned: Option<StatusError>,
     received: u64,
     gaps: u64,
+    /// Answers that nobody waited for.
+    unasked: u64,
     readings: VecDeque<Reading>,
 }
 
@@ -129,6 +128,7 @@ impl Dynamixel {
             warned: None,
             received: 0,
             gaps: 0,
+            unasked: 0,
             readings: VecDeque::with_capacity(32),
         }
     }
@@ -197,8 +197,11 @@ impl Dynamixel {
             State::Listening if params.len() == usize::from(wire::PRESENT_STATE_LEN) => {
                 self.on_state(error, params, at)
             }
-            // An answer after its time: its sample was counted as a gap.
-            _ => Ok(()),
+            // An answer twice, or after its time: then its sample was counted as a gap.
+            _ => {
+                self.unasked += u64::from(self.streaming);
+                Ok(())
+            }
         }
     }
 
@@ -398,7 +401,7 @@ impl Counted for Dynamixel {
             gaps: self.gaps,
             refused: self.framer.refused,
             duplicated: 0,
-            skipped: self.framer.skipped,
+            skipped: self.framer.skipped + self.unasked,
         }
     }
 }

@@ -138,7 +138,7 @@ impl KunweiKwr75 {
             );
             self.stages.warn(text, arrival);
         }
-        self.stages.deliver(WrenchReading {
+        self.stages.deliver(Reading::Wrench(WrenchReading {
             at: SampleInstant {
                 arrival,
                 device_ns: None,
@@ -147,7 +147,7 @@ impl KunweiKwr75 {
             temperature_celsius: None,
             quality: quality(suspect, false),
             status_bits: if suspect { SUSPECT } else { 0 },
-        });
+        }));
     }
 
     /// Whether `values` are far from both samples before. After a pause the limit grows with the samples that may be missing.

@@ -160,7 +160,7 @@ impl Leptrino {
             *value = f64::from(raw) * limit / COUNTS_AT_LIMIT;
         }
         let status = sample.status;
-        self.stages.deliver(WrenchReading {
+        self.stages.deliver(Reading::Wrench(WrenchReading {
             at: SampleInstant {
                 arrival,
                 device_ns: None,
@@ -172,7 +172,7 @@ impl Leptrino {
                 status.has(Status::OVER_RATING),
             ),
             status_bits: status.0.into(),
-        });
+        }));
     }
 
     fn warn_of(&mut self, status: Status, at: HostTime) {

@@ -13,16 +13,19 @@
     )
 )]
 
+pub mod amt21;
 pub mod ati_netcanoem;
 pub mod bota_serial;
 pub mod clock;
 pub mod device;
 pub mod discover;
 pub mod dynamixel;
+pub mod encoder_line;
 mod framer;
 pub mod kunwei_kwr75;
 pub mod leptrino;
 pub mod link;
+pub mod linkage;
 pub mod options;
 pub mod optoforce;
 pub mod optoforce_can;

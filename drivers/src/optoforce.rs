@@ -206,7 +206,7 @@ impl Protocol {
         let ([nx, ny, nz], [mx, my, mz]) = (counts_per_newton, counts_per_newton_metre);
         let wrench = Wrench::from_array([fx / nx, fy / ny, fz / nz, tx / mx, ty / my, tz / mz]);
         let status = sample.status;
-        self.stages.deliver(WrenchReading {
+        self.stages.deliver(Reading::Wrench(WrenchReading {
             at: SampleInstant {
                 arrival,
                 device_ns: Some(device_ns),
@@ -218,7 +218,7 @@ impl Protocol {
                 status.overload() != 0,
             ),
             status_bits: status.0.into(),
-        });
+        }));
     }
 
     /// The sample's instant on the sensor's counter, ns; `None` for a duplicate.

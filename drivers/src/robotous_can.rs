@@ -1,9 +1,11 @@
 //! Robotous RFT sensors on CAN, 1 Mbit/s.
 //!
 //! A response is two frames; they carry nothing that says they belong together. The second half must be the next frame
-//! of the sensor and be stamped within [`Config::pairing_timeout`]: halves of different samples never join. A first half
-//! without its second is one refused frame, counted when the next frame comes or the stream is lost; a second half without
-//! a first is skipped. A host that reads late loses nothing, because only stamps are compared.
+//! of the sensor and be stamped within [`Config::pairing_timeout`]. Two different first halves in a row may be a lost second half,
+//! or one that was overtaken on a crowded bus, where the lower id goes first: nobody can tell whose the next second half is, so
+//! both samples are refused. The same first half twice is skipped once. A first half without its second is one refused frame,
+//! counted when the stream is lost; a second half without a first is skipped. A host that reads late loses nothing, because only
+//! stamps are compared.
 //!
 //! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
 
@@ -70,6 +72,27 @@ impl RobotousCan {
         self.refused += u64::from(self.protocol.is_streaming());
     }
 
+    fn on_first(&mut self, data: [u8; 8], at: HostTime) {
+        self.protocol.on_traffic(at);
+        match self.first {
+            Some((before, _)) if before == data => {
+                self.skipped += u64::from(self.protocol.is_streaming());
+            }
+            Some((_, before_at))
+                if at.saturating_since(before_at) <= self.config.pairing_timeout =>
+            {
+                self.first = None;
+                self.refuse();
+                self.refuse();
+            }
+            Some(_) => {
+                self.refuse();
+                self.first = Some((data, at));
+            }
+            None => self.first = Some((data, at)),
+        }
+    }
+
     fn on_second(&mut self, second: [u8; 8], at: HostTime) -> Result<(), DecodeError> {
         let Some((first, first_at)) = self.first.take() else {
             self.skipped += u64::from(self.protocol.is_streaming());
@@ -101,10 +124,7 @@ impl Device for RobotousCan {
         let at = stamps.arrival;
         match wire::decode_half(self.config.ids, frame) {
             Ok(Half::First(data)) => {
-                if self.first.replace((data, at)).is_some() {
-                    self.refuse();
-                }
-                self.protocol.on_traffic(at);
+                self.on_first(data, at);
                 Ok(())
             }
             Ok(Half::Second(data)) => self.on_second(data, at),

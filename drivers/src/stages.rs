@@ -15,7 +15,7 @@ use std::time::Duration;
 use ft_wire::HostTime;
 
 use crate::options::Startup;
-use crate::reading::{DeviceEvent, Quality, Reading, WrenchReading};
+use crate::reading::{DeviceEvent, Quality, Reading};
 
 /// How often a question is asked before the device counts as lost.
 const ATTEMPTS: u8 = 3;
@@ -156,6 +156,11 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         }
     }
 
+    /// Whether an answer to a poll is awaited.
+    pub(crate) const fn is_polling(&self) -> bool {
+        matches!(self.state, State::Polling { .. })
+    }
+
     /// Polls without an answer.
     pub(crate) const fn missed(&self) -> u64 {
         self.missed
@@ -265,9 +270,9 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         self.state = State::Listening(now + self.timing.silence_timeout);
     }
 
-    pub(crate) fn deliver(&mut self, reading: WrenchReading) {
+    pub(crate) fn deliver(&mut self, reading: Reading) {
         self.received += 1;
-        self.readings.push_back(Reading::Wrench(reading));
+        self.readings.push_back(reading);
     }
 
     /// Each bad bit once per stream: the bits of `status` that were not seen before.

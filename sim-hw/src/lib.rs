@@ -31,11 +31,13 @@
 //! | Dynamixel | moves when its torque is on | only senses; registers can be written |
 //! | Dynamixel | bulk read, fast sync read, reboot, factory reset | instruction error |
 //! | Dynamixel | half duplex with echo on some adapters | no echo |
+//! | AMT21 | turns counter, reset, zero | not answered |
 //! | tracker | glasses over their own software | our own stream, `pose_stream` |
 //! | CAN | arbitration, error frames, bus-off | none; frames keep their order |
 //! | gripper | pads and wrist give way | rigid grasp, unless a scenario's `[[undeclared]]` says otherwise |
 #![forbid(unsafe_code)]
 
+mod amt21;
 mod ati_netcanoem;
 mod bota_serial;
 pub mod bus;
@@ -43,6 +45,7 @@ mod clock;
 mod crc;
 mod device;
 mod dynamixel;
+mod encoder_line;
 mod hold;
 mod jaw;
 mod kunwei_kwr75;

@@ -8,10 +8,11 @@ use ft_drivers::pump::{Outlet, Pump, Turn};
 use ft_drivers::reading::{Counts, DeviceEvent, Reading};
 use ft_drivers::robotous::Scale as RftScale;
 use ft_drivers::{
-    Device, Link, RxStamps, SteppedClock, ati_netcanoem, bota_serial, kunwei_kwr75, leptrino,
-    optoforce, optoforce_can, optoforce_serial, robotous, robotous_can, robotous_uart,
+    Device, Link, RxStamps, SteppedClock, amt21, ati_netcanoem, bota_serial, dynamixel,
+    encoder_line, kunwei_kwr75, leptrino, optoforce, optoforce_can, optoforce_serial, robotous,
+    robotous_can, robotous_uart,
 };
-use ft_sim_hw::scenario::{SensorDriver, SensorSpec};
+use ft_sim_hw::scenario::{GripperDriver, SensorDriver, SensorSpec};
 use ft_sim_hw::{Scenario, SettingValue, Simulation};
 use ft_wire::HostTime;
 
@@ -142,6 +143,85 @@ fn sensor(driver: &str) -> (Simulation, Counts, Vec<Reading>) {
         other => panic!("{other}: no driver is tried here"),
     };
     (simulation, counts, readings)
+}
+
+fn gripper(driver: &str) -> (Counts, Vec<Reading>) {
+    let mut scenario = Scenario::builtin("wood_door").unwrap();
+    scenario.gripper.driver = GripperDriver::named(driver).unwrap();
+    scenario.gripper.rate_hz = 100.0;
+    let mut simulation = Simulation::new(&scenario, 5, START, None).unwrap();
+    let link = simulation.serial_link("gripper").unwrap();
+    let simulated = &mut simulation;
+    let period = Duration::from_millis(10);
+    match driver {
+        "dynamixel" => {
+            let config = dynamixel::Config {
+                period,
+                ..dynamixel::Config::default()
+            };
+            read(simulated, dynamixel::Dynamixel::new(config), link)
+        }
+        "amt21" => {
+            let config = amt21::Config {
+                period,
+                ..amt21::Config::default()
+            };
+            read(simulated, amt21::Amt21::new(config), link)
+        }
+        "encoder_line" => {
+            let [counts_per_turn] = gripper_numbers(simulated);
+            let config = encoder_line::Config::new(counts_per_turn);
+            read(simulated, encoder_line::EncoderLine::new(config), link)
+        }
+        other => panic!("{other}: no driver is tried here"),
+    }
+}
+
+fn gripper_numbers(simulation: &Simulation) -> [f64; 1] {
+    let fitted = simulation
+        .fitted()
+        .iter()
+        .find(|fitted| fitted.name == "gripper");
+    match fitted.unwrap().settings["counts_per_turn"] {
+        SettingValue::Number(number) => [number],
+        _ => panic!("counts_per_turn is a number"),
+    }
+}
+
+#[test]
+fn every_simulated_encoder_is_read_right_by_its_driver() {
+    let mut openings = Vec::new();
+    for driver in GripperDriver::names() {
+        let (counts, readings) = gripper(driver);
+        assert_eq!(
+            (
+                counts.gaps,
+                counts.refused,
+                counts.duplicated,
+                counts.skipped
+            ),
+            (0, 0, 0, 0),
+            "{driver}"
+        );
+        let widths: Vec<_> = readings
+            .iter()
+            .filter_map(|reading| match reading {
+                Reading::Width(width) => Some(width.width_m),
+                _ => None,
+            })
+            .collect();
+        assert!(
+            (170..=190).contains(&widths.len()),
+            "{driver}: {}",
+            widths.len()
+        );
+        openings.push(widths.iter().sum::<f64>() / widths.len() as f64);
+    }
+    // A Dynamixel's count is 0.1 mm of opening at most.
+    for opening in &openings {
+        assert!((opening - openings[0]).abs() < 1e-4, "{openings:?}");
+        assert!((0.02..0.15).contains(opening), "{openings:?}");
+    }
 }
 
 #[test]

@@ -289,7 +289,7 @@ fn halves_of_different_samples_never_join() {
 }
 
 #[test]
-fn a_first_half_that_is_followed_by_another_is_one_refused() {
+fn a_first_half_twice_is_skipped_once() {
     let mut bench = listening();
     respond(&mut bench, Response::Stream(RECORD));
     let [first, second] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
@@ -300,10 +300,37 @@ fn a_first_half_that_is_followed_by_another_is_one_refused() {
         bench.device.counts(),
         Counts {
             received: 2,
-            refused: 1,
+            skipped: 1,
             ..Counts::default()
         }
     );
+}
+
+#[test]
+fn a_second_half_that_was_overtaken_never_joins_the_wrong_first() {
+    let mut bench = listening();
+    let halves = |fx| {
+        let record = Record {
+            force: [fx, 0, 0],
+            ..RECORD
+        };
+        wire::response_frames(CanIds::default(), &Response::Stream(record))
+    };
+    let ([a1, a2], [b1, b2], [c1, c2]) = (halves(1), halves(2), halves(3));
+    respond(&mut bench, Response::Stream(RECORD));
+    for half in [a1, b1, a2, b2, c1, c2] {
+        bench.frame(&half).unwrap();
+    }
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 2,
+            refused: 2,
+            skipped: 2,
+            ..Counts::default()
+        }
+    );
+    assert_eq!(bench.wrenches()[1].wrench.force[0], 3.0 / 50.0);
 }
 
 #[test]

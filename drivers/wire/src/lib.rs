@@ -16,12 +16,14 @@
     )
 )]
 
+pub mod amt21;
 pub mod ati_netcanoem;
 pub mod bota_serial;
 mod bytes;
 pub mod can;
 pub mod crc;
 pub mod dynamixel2;
+pub mod encoder_line;
 pub mod error;
 pub mod frames;
 pub mod kunwei_kwr75;

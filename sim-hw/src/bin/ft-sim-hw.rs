@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use ft_drivers::{Clock, MonotonicClock};
-use ft_sim_hw::scenario::{SensorDriver, SensorSpec};
+use ft_sim_hw::scenario::{GripperDriver, SensorDriver, SensorSpec};
 use ft_sim_hw::sealed::Mechanisms;
 use ft_sim_hw::{
     Bus, Port, Scenario, ScenarioError, SealedDraw, SealedError, SealedOptions, ServeError,
@@ -21,7 +21,7 @@ Examples:
   ft-sim-hw scenarios
   ft-sim-hw serve wood_door
   ft-sim-hw serve oven_door --vcan vcan0 --seed 7
-  ft-sim-hw serve wood_door --sensor optoforce_serial
+  ft-sim-hw serve wood_door --sensor optoforce_serial --gripper amt21
   ft-sim-hw serve my_door.toml --duration 30 --truth truth.json
   ft-sim-hw sealed --seed 1000 --count 20 -o draws
   ft-capture --sim draws/0001/main.toml --speed max -o main.mcap
@@ -48,6 +48,9 @@ enum Command {
         /// Another force-torque sensor than the scenario's.
         #[arg(long, value_name = "DRIVER", value_parser = SensorDriver::names())]
         sensor: Option<String>,
+        /// Another encoder of the jaws than the scenario's.
+        #[arg(long, value_name = "DRIVER", value_parser = GripperDriver::names())]
+        gripper: Option<String>,
         /// Seconds that the person takes in all; by default as long as a minute of probing takes.
         #[arg(long, value_name = "SECONDS", value_parser = seconds)]
         duration: Option<Duration>,
@@ -118,11 +121,12 @@ fn main() -> ExitCode {
             scenario,
             seed,
             sensor,
+            gripper,
             duration,
             vcan,
             truth,
         } => Scenario::load(&scenario)
-            .map(|scenario| with_sensor(scenario, sensor.as_deref()))
+            .map(|scenario| with_devices(scenario, sensor.as_deref(), gripper.as_deref()))
             .map_err(|error| match error {
                 ScenarioError::UnknownName { .. } => (2, error.to_string()),
                 _ => failed(&error),
@@ -202,9 +206,12 @@ fn sealed(arguments: &Sealed) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn with_sensor(mut scenario: Scenario, driver: Option<&str>) -> Scenario {
-    if let Some(sensor) = driver.and_then(SensorSpec::of) {
+fn with_devices(mut scenario: Scenario, sensor: Option<&str>, gripper: Option<&str>) -> Scenario {
+    if let Some(sensor) = sensor.and_then(SensorSpec::of) {
         scenario.sensor = sensor;
+    }
+    if let Some(driver) = gripper.and_then(GripperDriver::named) {
+        scenario.gripper.driver = driver;
     }
     scenario
 }

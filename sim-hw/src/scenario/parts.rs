@@ -423,23 +423,67 @@ impl Default for TrackerSpec {
     }
 }
 
+/// The gripper encoders that can be played.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GripperDriver {
+    /// Dynamixel, protocol 2.0, polled.
+    #[default]
+    Dynamixel,
+    /// CUI AMT21, polled.
+    Amt21,
+    /// A microcontroller that prints lines.
+    EncoderLine,
+}
+
+impl GripperDriver {
+    const ALL: [(Self, &str); 3] = [
+        (Self::Dynamixel, "dynamixel"),
+        (Self::Amt21, "amt21"),
+        (Self::EncoderLine, "encoder_line"),
+    ];
+
+    /// The driver named so.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let mut all = Self::ALL.into_iter();
+        all.find(|(_, known)| *known == name)
+            .map(|(driver, _)| driver)
+    }
+
+    /// The names of all.
+    #[must_use]
+    pub fn names() -> Vec<&'static str> {
+        Self::ALL.into_iter().map(|(_, name)| name).collect()
+    }
+}
+
 /// `[gripper]`: the encoder of the jaws.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GripperSpec {
-    /// Dynamixel id.
+    /// Which device.
+    #[serde(skip_serializing_if = "is_default")]
+    pub driver: GripperDriver,
+    /// Dynamixel only: id.
     pub id: u8,
-    /// Line rate.
+    /// Dynamixel only: line rate.
     pub baud_bps: u32,
-    /// Polls per second that the operator wants.
+    /// Polls or lines per second that the operator wants.
     pub rate_hz: f64,
     /// Jitter of the jaw opening, m rms.
     pub jitter_m: f64,
 }
 
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde hands a reference
+fn is_default(driver: &GripperDriver) -> bool {
+    *driver == GripperDriver::default()
+}
+
 impl Default for GripperSpec {
     fn default() -> Self {
         Self {
+            driver: GripperDriver::default(),
             id: 1,
             baud_bps: 57_600,
             rate_hz: 50.0,

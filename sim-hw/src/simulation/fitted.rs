@@ -9,14 +9,16 @@ use serde::Serialize;
 
 use super::sensor;
 use super::slot::{Slot, SlotKind, Wired};
+use crate::amt21::{self, Amt21};
 use crate::bus::{Bus, Carried, Line, Port, TimeSource};
 use crate::clock::DeviceClock;
 use crate::device::Played;
 use crate::dynamixel::Dynamixel;
+use crate::encoder_line::{self, EncoderLine};
 use crate::pose_stream::{self, PoseStream};
 use crate::pose_tracker::PoseTracker;
 use crate::random::{Random, Stream};
-use crate::scenario::Scenario;
+use crate::scenario::{GripperDriver, GripperSpec, Scenario};
 use crate::tool::Tool;
 use crate::truth::{ClockTruth, SensorTruth};
 use crate::wrench_sensor::WrenchSensor;
@@ -132,21 +134,11 @@ pub(super) fn build(
         Random::new(seed, Stream::Tracker),
     );
     let stream = PoseStream::new(tracker, tracker_clock, scenario.tracker.rate_hz);
-    let gripper = Dynamixel::new(&scenario.gripper, Random::new(seed, Stream::Gripper));
     let aria = serial(
         "aria",
         "pose_stream",
         pose_stream::BAUD_BPS,
         [number("rate_hz", scenario.tracker.rate_hz)],
-    );
-    let jaws = serial(
-        "gripper",
-        "dynamixel",
-        scenario.gripper.baud_bps,
-        [
-            number("id", f64::from(scenario.gripper.id)),
-            number("rate_hz", scenario.gripper.rate_hz),
-        ],
     );
     let slots = vec![
         sensor::slot(
@@ -156,7 +148,13 @@ pub(super) fn build(
             Random::new(seed, Stream::SensorLine),
             time,
         ),
-        serial_slot(jaws, gripper, Random::new(seed, Stream::GripperLine), time),
+        jaws_slot(
+            &scenario.gripper,
+            &sensor_clock,
+            Random::new(seed, Stream::Gripper),
+            Random::new(seed, Stream::GripperLine),
+            time,
+        ),
         serial_slot(aria, stream, Random::new(seed, Stream::TrackerLine), time),
     ];
     let clock_truth = |device: &str, reads_s: f64, skew_ppm: f64| ClockTruth {
@@ -178,6 +176,34 @@ pub(super) fn build(
         ),
     ];
     (slots, (sensor_truth, clocks))
+}
+
+fn jaws_slot(
+    spec: &GripperSpec,
+    clock: &DeviceClock,
+    random: Random,
+    line: Random,
+    time: &TimeSource,
+) -> Slot {
+    let rate = number("rate_hz", spec.rate_hz);
+    match spec.driver {
+        GripperDriver::Dynamixel => {
+            let settings = [number("id", f64::from(spec.id)), rate];
+            let fitted = serial("gripper", "dynamixel", spec.baud_bps, settings);
+            serial_slot(fitted, Dynamixel::new(spec, random), line, time)
+        }
+        GripperDriver::Amt21 => {
+            let fitted = serial("gripper", "amt21", amt21::BAUD_BPS, [rate]);
+            serial_slot(fitted, Amt21::new(spec.jitter_m, random), line, time)
+        }
+        GripperDriver::EncoderLine => {
+            let settings = [number("counts_per_turn", encoder_line::COUNTS_PER_TURN)];
+            let fitted = serial("gripper", "encoder_line", encoder_line::BAUD_BPS, settings);
+            // A crystal like the sensor's will do.
+            let device = EncoderLine::new(*clock, spec.rate_hz, spec.jitter_m, random);
+            serial_slot(fitted, device, line, time)
+        }
+    }
 }
 
 pub(super) fn number(key: &str, value: f64) -> (String, SettingValue) {
