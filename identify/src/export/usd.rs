@@ -48,6 +48,7 @@ def Xform "{name}" (
     )
     {{
         float physics:mass = 1
+        float3 physics:diagonalInertia = (1, 1, 1)
     }}
 
     def PhysicsFixedJoint "to_{frame}"
