@@ -197,6 +197,27 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
+    /// The recording has damage that a copy would hide.
+    #[error("{path} is damaged: {damage}; make a whole file of it first with `ft-capture recover`")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The first damage.
+        damage: String,
+    },
+    /// There is no room for the recovered file; the source is as it was.
+    #[error(
+        "no space left for {out}, which would need about {needed_bytes} bytes; {path} is unchanged: free some space \
+         or write to another disk with -o, then try again"
+    )]
+    NoRoom {
+        /// The source.
+        path: PathBuf,
+        /// The file that was to be written; it was removed again.
+        out: PathBuf,
+        /// Size of the source.
+        needed_bytes: u64,
+    },
     /// The recovered file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),

@@ -27,6 +27,7 @@ pub mod qos;
 pub mod reader;
 pub mod recording;
 pub mod recover;
+pub mod rewrite;
 pub mod schema;
 mod sequences;
 pub mod writer;
@@ -36,7 +37,7 @@ pub use cdr::CdrError;
 pub use error::{CalibrationError, ReadError, WriteError};
 pub use message::Message;
 pub use qos::Qos;
-pub use recording::{Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame};
+pub use recording::{KnownFrames, Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame};
 pub use writer::{ChannelId, Finished, MessageStamps, RecordingWriter, WriterOptions};
 
 /// Topics of a recording.
@@ -69,6 +70,10 @@ pub mod metadata {
     pub const CALIBRATION: &str = "ft.calibration";
     /// Per stream: received, gaps, drops, refused, duplicated.
     pub const LEDGER: &str = "ft.ledger";
+    /// How `ft.calibration` was found: offset, drift, residuals, as JSON in the key `json`.
+    pub const CALIBRATED: &str = "ft.calibrated";
+    /// What an import made the recording from: files by hash, clock map, counts.
+    pub const IMPORT: &str = "ft.import";
     /// What [`recover`](crate::recover::recover) found, in a recording that it wrote.
     pub const RECOVERED: &str = "ft.recovered";
 }

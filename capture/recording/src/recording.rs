@@ -89,14 +89,44 @@ impl Recording {
     /// no message that can be used; `ft.calibration` is wrong; or `map` names a topic that is not there. A truncated or
     /// damaged file is no error as long as the needed topics have messages before the damage.
     pub fn load(path: &Path, map: &TopicMap) -> Result<Self, ReadError> {
+        Self::load_as(path, map, true).map(|(recording, _)| recording)
+    }
+
+    /// As [`Recording::load`], for a recording whose poses may come from elsewhere: they may be missing.
+    ///
+    /// # Errors
+    /// As [`Recording::load`], save for missing poses.
+    pub fn load_without_pose(
+        path: &Path,
+        map: &TopicMap,
+    ) -> Result<(Self, KnownFrames), ReadError> {
+        Self::load_as(path, map, false)
+    }
+
+    fn load_as(
+        path: &Path,
+        map: &TopicMap,
+        needs_pose: bool,
+    ) -> Result<(Self, KnownFrames), ReadError> {
         let sha256 = sha256_of(path)?;
         let mut reader = RecordReader::open(path)?;
         let mut loader = Loader::new(map);
         while let Some(record) = reader.next_record()? {
             loader.take(record);
         }
-        loader.finish(path, sha256, reader.damage())
+        let frames = loader.known_frames();
+        let recording = loader.finish(path, sha256, reader.damage(), needs_pose)?;
+        Ok((recording, frames))
     }
+}
+
+/// What `/tf_static` says; `None` where it does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KnownFrames {
+    /// Takes coordinates in `tcp` to `aria_device`.
+    pub aria_device_from_tcp: Option<Pose7>,
+    /// Takes coordinates in `ft_sensor` to `tcp`.
+    pub tcp_from_ft_sensor: Option<Pose7>,
 }
 
 /// SHA-256 of a file, 64 hex digits.

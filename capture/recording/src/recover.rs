@@ -130,15 +130,22 @@ pub fn recover(source: &Path, out: &Path, overwrite: bool) -> Result<Recovered, 
             .map_err(|source| io_error("give the final name to", &temporary, source))?;
         Ok(recovered)
     });
-    if recovered.is_err() {
+    recovered.map_err(|error| {
         // Half a copy is of no use, and the source is still there.
         let _ = fs::remove_file(&temporary);
-    }
-    recovered
+        match error {
+            ReadError::Write(WriteError::NoSpace { .. }) => ReadError::NoRoom {
+                path: source.to_owned(),
+                out: out.to_owned(),
+                needed_bytes: reader.length(),
+            },
+            error => error,
+        }
+    })
 }
 
 /// Whether both names lead to one file: the source is never replaced, not even when overwriting is allowed.
-fn same_file(source: &Path, out: &Path) -> bool {
+pub(crate) fn same_file(source: &Path, out: &Path) -> bool {
     matches!((fs::canonicalize(source), fs::canonicalize(out)), (Ok(a), Ok(b)) if a == b)
 }
 

@@ -24,6 +24,7 @@ use mcap::write::NoSeek;
 pub use crate::error::WriteError;
 use crate::message::Message;
 use crate::qos::Qos;
+use crate::reader::{self, Attachment, Schema};
 
 pub(crate) mod file;
 
@@ -205,6 +206,35 @@ impl RecordingWriter {
         self.remember(id, topic)
     }
 
+    /// Adds a channel as another recording has it; several may share a topic.
+    pub(crate) fn add_channel_of(
+        &mut self,
+        channel: &reader::Channel,
+        schema: Option<&Schema>,
+    ) -> Result<ChannelId, WriteError> {
+        let id = self.attempt(|writer| {
+            let schema = match schema {
+                Some(schema) => writer.add_schema(&schema.name, &schema.encoding, &schema.data)?,
+                None => 0,
+            };
+            let (topic, encoding) = (&channel.topic, &channel.message_encoding);
+            writer.add_channel(schema, topic, encoding, &channel.metadata)
+        })?;
+        self.remember(id, &channel.topic)
+    }
+
+    /// Adds an attachment as another recording has it.
+    pub(crate) fn attach(&mut self, attachment: &Attachment<'_>) -> Result<(), WriteError> {
+        let copy = mcap::Attachment {
+            log_time: attachment.log_time,
+            create_time: attachment.create_time,
+            name: attachment.name.to_owned(),
+            media_type: attachment.media_type.to_owned(),
+            data: attachment.data.into(),
+        };
+        self.attempt(|writer| writer.attach(&copy))
+    }
+
     /// Writes one message; its `sequence` is the channel's own counter, from 1. Messages stand in the file in the order
     /// in which they are given, so give them by `log_time`.
     ///
@@ -214,6 +244,19 @@ impl RecordingWriter {
     pub fn write(
         &mut self,
         channel: ChannelId,
+        stamps: MessageStamps,
+        payload: &[u8],
+    ) -> Result<(), WriteError> {
+        let last = self.channels.get(usize::from(channel.0));
+        let sequence = last.map_or(0, |last| last.sequence).wrapping_add(1);
+        self.write_numbered(channel, sequence, stamps, payload)
+    }
+
+    /// As [`Self::write`], with the number that another recording gave.
+    pub(crate) fn write_numbered(
+        &mut self,
+        channel: ChannelId,
+        sequence: u32,
         stamps: MessageStamps,
         payload: &[u8],
     ) -> Result<(), WriteError> {
@@ -227,7 +270,6 @@ impl RecordingWriter {
                     channel: channel.0,
                     channels,
                 })?;
-        let sequence = entry.sequence.wrapping_add(1);
         let header = MessageHeader {
             channel_id: entry.id,
             sequence,
@@ -329,6 +371,14 @@ impl RecordingWriter {
             bytes: self.bytes_written(),
             messages: messages.collect(),
         })
+    }
+
+    /// Takes the file back, as if it had never been begun.
+    pub(crate) fn discard(self) {
+        let partial = self.partial.clone();
+        drop(self);
+        // What cannot be removed is a leftover like any other.
+        let _ = fs::remove_file(partial);
     }
 
     fn refuse_duplicate(&self, topic: &str) -> Result<(), WriteError> {

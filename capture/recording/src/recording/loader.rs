@@ -9,7 +9,8 @@ use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp};
 use super::pose::StaticTransforms;
 use super::track::Track;
 use super::{
-    Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap, TrackedFrame,
+    KnownFrames, Pose7, PoseTrack, ReadHealth, Recording, Stamped, TopicHealth, TopicMap,
+    TrackedFrame,
 };
 use crate::calibration::Calibration;
 use crate::error::{ReadError, TopicList};
@@ -208,12 +209,21 @@ impl<'a> Loader<'a> {
         health.undecodable += u64::from(decoded.is_err());
     }
 
-    /// The recording, once all records were taken.
+    /// The static transforms that the recording has.
+    pub(super) fn known_frames(&self) -> KnownFrames {
+        KnownFrames {
+            aria_device_from_tcp: self.transforms.between(AriaDevice::NAME, Tcp::NAME),
+            tcp_from_ft_sensor: self.transforms.between(Tcp::NAME, FtSensor::NAME),
+        }
+    }
+
+    /// The recording, once all records were taken; it may lack poses when they are not needed.
     pub(super) fn finish(
         mut self,
         path: &Path,
         sha256: String,
         damage: &[Damage],
+        needs_pose: bool,
     ) -> Result<Recording, ReadError> {
         let truncated = describe_all(self.unknown.behind(damage).chain(self.recovered.clone()));
         self.check_map(path, truncated.as_ref())?;
@@ -231,11 +241,11 @@ impl<'a> Loader<'a> {
                 frame: TrackedFrame::Tcp,
                 samples: tcp,
             },
-            (true, false) => PoseTrack {
+            (true, is_empty) if !is_empty || !needs_pose => PoseTrack {
                 frame: TrackedFrame::AriaDevice,
                 samples: aria,
             },
-            (true, true) => {
+            _ => {
                 return Err(self.missing(path, &[Role::TcpPose, Role::AriaPose], truncated));
             }
         };
