@@ -12,6 +12,7 @@
 #![allow(clippy::single_range_in_vec_init)]
 
 pub mod analysis;
+pub mod batch;
 pub mod diagnose;
 pub mod dynamics;
 pub mod effect;

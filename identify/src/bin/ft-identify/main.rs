@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use ft_identify::analysis::analyse_confirmed;
+use ft_identify::batch::{self, BatchOptions};
 use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
 use ft_identify::output::{FILES, refuse_existing, write_to};
@@ -29,6 +30,7 @@ use use_twin::{Compare, Export, Simulate};
 const EXAMPLES: &str = "Examples:
   ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
   ft-identify bag.mcap --map /wrench=/ft/wrench -o out    a recording with other topic names
+  ft-identify --batch recordings/ -o results         all of them, and results/summary.csv
   ft-identify table axis.csv --time t --position q --effort f --kind prismatic -o axis
   ft-identify track poses.log                         the joint of a track of poses
   ft-identify simulate door/twin.json --release 45deg    let it go: when does it close
@@ -63,8 +65,15 @@ enum Command {
 #[derive(Args)]
 struct RecordingArguments {
     /// Recording (MCAP) with /ft/wrench and /tcp/pose or /aria/pose
-    #[arg(required = true)]
+    #[arg(required_unless_present = "batch")]
     recording: Option<PathBuf>,
+    /// Identify every recording below this directory, each into its own directory below --output; goes on where an earlier run
+    /// was stopped (--force begins anew), and ends with one table, summary.csv
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["recording", "confirm"])]
+    batch: Option<PathBuf>,
+    /// With --batch: recordings at a time [default: one per processor]
+    #[arg(long, requires = "batch", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
     /// Directory for report.json, report.html and twin.json
     #[arg(short, long, required = true)]
     output: Option<PathBuf>,
@@ -212,7 +221,51 @@ fn with_input(error: &IdentifyError, arguments: &Arguments) -> String {
     }
 }
 
+/// A recording that cannot be identified is a row of the table, not a failure of the batch.
+fn run_batch(
+    arguments: &RecordingArguments,
+    directory: &Path,
+    output: &Path,
+) -> Result<Outcome, IdentifyError> {
+    let options = BatchOptions {
+        jobs: arguments.jobs.map_or_else(
+            || std::thread::available_parallelism().map_or(1, usize::from),
+            usize::from,
+        ),
+        again: arguments.common.force,
+        map: TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?,
+        settings: settings(&arguments.common),
+    };
+    let bar = if std::io::stderr().is_terminal() {
+        ProgressBar::new(batch::recordings(directory)?.len() as u64)
+    } else {
+        ProgressBar::hidden()
+    };
+    let rows = batch::run(directory, output, &options, &|_, _| bar.inc(1))?;
+    bar.finish_and_clear();
+    if arguments.common.json {
+        println!("{:#}", serde_json::json!(rows));
+    } else {
+        for row in &rows {
+            println!("{}", row.line());
+        }
+        let count = |outcome| rows.iter().filter(|row| row.outcome == outcome).count();
+        println!(
+            "{} recordings: {} identified, {} not identifiable, {} failed; {}",
+            rows.len(),
+            count(batch::Outcome::Identified),
+            count(batch::Outcome::NotIdentifiable),
+            count(batch::Outcome::Failed),
+            output.join("summary.csv").display()
+        );
+    }
+    Ok(Outcome::Fine)
+}
+
 fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyError> {
+    if let (Some(directory), Some(output)) = (&arguments.batch, &arguments.output) {
+        return run_batch(arguments, directory, output);
+    }
     let (Some(recording), Some(output)) = (&arguments.recording, &arguments.output) else {
         return Ok(Outcome::Fine);
     };

@@ -1,0 +1,349 @@
+//! Many recordings, in parallel, each into its own directory, with one table over all.
+//!
+//! What became of a recording is kept beside its report (`batch.json`, by the recording's hash, the settings and the
+//! version), so that a run that was stopped goes on where it was. A recording that cannot be identified, or that makes the
+//! identification panic, is a row of the table and stops nothing.
+
+use std::fmt::Write as _;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use ft_recording::TopicMap;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use crate::error::IdentifyError;
+use crate::motion::MotionSettings;
+use crate::output::write_to;
+use crate::pipeline::identify_recording;
+
+/// What became of one recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BatchRow {
+    /// The recording's path below the batch's directory, without `.mcap`; also its output's.
+    pub name: String,
+    /// SHA-256 of the recording with settings and version.
+    pub key: String,
+    /// `identified`, `not_identifiable` (the joint is known, its dynamics are not) or `failed`.
+    pub outcome: Outcome,
+    /// Why, when not identified.
+    pub reason: Option<String>,
+    /// `revolute`, `prismatic`, ...
+    pub kind: Option<String>,
+    /// Range of the joint coordinate, rad or m.
+    pub range: Option<f64>,
+    /// Inertia and its standard deviation, kg m^2 or kg.
+    pub inertia: Option<[f64; 2]>,
+    /// Coulomb friction and its standard deviation, N m or N.
+    pub coulomb: Option<[f64; 2]>,
+    /// Viscous friction and its standard deviation.
+    pub viscous: Option<[f64; 2]>,
+    /// Names of the effects that were added.
+    pub effects: Vec<String>,
+    /// Held-out RMS of the full model, N m or N.
+    pub held_out_rms: Option<f64>,
+    /// The report's verdict.
+    pub verdict: Option<String>,
+}
+
+/// How an identification of a batch ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Joint and dynamics are known.
+    Identified,
+    /// The joint is known, the dynamics cannot be told from the data.
+    NotIdentifiable,
+    /// There is no result.
+    Failed,
+}
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct BatchOptions {
+    /// Recordings at a time.
+    pub jobs: usize,
+    /// Identify also what an earlier run did.
+    pub again: bool,
+    /// Names of topics.
+    pub map: TopicMap,
+    /// Settings of each identification.
+    pub settings: MotionSettings,
+}
+
+/// Recordings (`*.mcap`) below `directory`, by name.
+///
+/// # Errors
+/// The directory cannot be listed.
+pub fn recordings(directory: &Path) -> Result<Vec<PathBuf>, IdentifyError> {
+    let failed = |source| IdentifyError::Write {
+        path: directory.to_owned(),
+        source,
+    };
+    let mut found = Vec::new();
+    let mut folders = vec![directory.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let path = entry.path();
+            // A link to a folder may lead round in a circle.
+            if entry.file_type().map_err(failed)?.is_dir() {
+                folders.push(path);
+            } else if path
+                .extension()
+                .is_some_and(|extension| extension == "mcap")
+            {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Identifies every recording below `directory` into `output`; gives a row for each, in order of their names. `done` hears
+/// of each row and whether it is of an earlier run.
+///
+/// # Errors
+/// The directory cannot be listed, or the table not be written.
+pub fn run(
+    directory: &Path,
+    output: &Path,
+    options: &BatchOptions,
+    done: &(dyn Fn(&BatchRow, bool) + Sync),
+) -> Result<Vec<BatchRow>, IdentifyError> {
+    let files = recordings(directory)?;
+    let next = AtomicUsize::new(0);
+    let rows = Mutex::new(vec![None; files.len()]);
+    let work = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(file) = files.get(index) else { break };
+            let (row, is_old) = one(directory, file, output, options);
+            done(&row, is_old);
+            if let Ok(mut rows) = rows.lock() {
+                rows[index] = Some(row);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..options.jobs.clamp(1, files.len().max(1)) {
+            scope.spawn(work);
+        }
+    });
+    let rows: Vec<_> = rows
+        .into_inner()
+        .unwrap_or_default()
+        .into_iter()
+        .flatten()
+        .collect();
+    write_table(output, &rows)?;
+    Ok(rows)
+}
+
+/// `summary.csv` and `summary.json` in `output`.
+fn write_table(output: &Path, rows: &[BatchRow]) -> Result<(), IdentifyError> {
+    let write = |name: &str, text: String| {
+        let path = output.join(name);
+        std::fs::create_dir_all(output)
+            .and_then(|()| std::fs::write(&path, text))
+            .map_err(|source| IdentifyError::Write { path, source })
+    };
+    write("summary.csv", csv(rows))?;
+    write(
+        "summary.json",
+        serde_json::to_string_pretty(rows).unwrap_or_default(),
+    )
+}
+
+fn csv(rows: &[BatchRow]) -> String {
+    let mut text = String::from(
+        "name,outcome,kind,range,inertia,inertia_std,coulomb,coulomb_std,viscous,viscous_std,effects,held_out_rms,verdict,reason\n",
+    );
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+    for row in rows {
+        let number =
+            |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.6e}"));
+        let pair = |pair: Option<[f64; 2]>| {
+            format!(
+                "{},{}",
+                number(pair.map(|p| p[0])),
+                number(pair.map(|p| p[1]))
+            )
+        };
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{},{},{},{},{},{}",
+            quoted(&row.name),
+            row.outcome.name(),
+            row.kind.as_deref().unwrap_or(""),
+            number(row.range),
+            pair(row.inertia),
+            pair(row.coulomb),
+            pair(row.viscous),
+            quoted(&row.effects.join(" ")),
+            number(row.held_out_rms),
+            row.verdict.as_deref().unwrap_or(""),
+            quoted(row.reason.as_deref().unwrap_or("")),
+        );
+    }
+    text
+}
+
+impl Outcome {
+    /// As in the table.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Identified => "identified",
+            Self::NotIdentifiable => "not_identifiable",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+fn one(directory: &Path, file: &Path, output: &Path, options: &BatchOptions) -> (BatchRow, bool) {
+    let below = file.strip_prefix(directory).unwrap_or(file);
+    let name = below.with_extension("").display().to_string();
+    let folder = output.join(below.with_extension(""));
+    let note = folder.join("batch.json");
+    let key = match key(file, options) {
+        Ok(key) => key,
+        Err(error) => return (BatchRow::failed(name, String::new(), error), false),
+    };
+    let old = std::fs::read_to_string(&note)
+        .ok()
+        .and_then(|text| serde_json::from_str::<BatchRow>(&text).ok());
+    if let Some(row) = old.filter(|row| row.key == key && !options.again) {
+        return (row, true);
+    }
+    let identified = catch_unwind(AssertUnwindSafe(|| {
+        let identified = identify_recording(file, &options.map, &options.settings, &mut |_| {})?;
+        write_to(&folder, &identified)?;
+        identified
+            .report
+            .to_json()
+            .map_err(|error| IdentifyError::Write {
+                path: folder.clone(),
+                source: error.into(),
+            })
+    }));
+    let row = match identified {
+        Ok(Ok(report)) => BatchRow::of(name, key, &report),
+        Ok(Err(error)) => BatchRow::failed(name, key, error.to_string()),
+        Err(_) => BatchRow::failed(name, key, "the identification broke off (panic)".to_owned()),
+    };
+    // A note that cannot be written costs a repetition, no more.
+    let _ = std::fs::create_dir_all(&folder).and_then(|()| {
+        let partial = folder.join("batch.json.partial");
+        std::fs::write(&partial, serde_json::to_string(&row).unwrap_or_default())?;
+        std::fs::rename(&partial, &note)
+    });
+    (row, false)
+}
+
+/// Recording, settings and version in one hash.
+fn key(file: &Path, options: &BatchOptions) -> Result<String, String> {
+    let said = |error: std::io::Error| format!("cannot read {}: {error}", file.display());
+    let mut hasher = Sha256::new();
+    let mut reader = std::fs::File::open(file).map_err(said)?;
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        let read = std::io::Read::read(&mut reader, &mut buffer).map_err(said)?;
+        if read == 0 {
+            break;
+        }
+        hasher.update(&buffer[..read]);
+    }
+    hasher.update(format!("{:?} {:?}", options.settings, options.map));
+    hasher.update(env!("CARGO_PKG_VERSION"));
+    let digest = hasher.finalize();
+    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+impl BatchRow {
+    fn failed(name: String, key: String, reason: String) -> Self {
+        Self {
+            name,
+            key,
+            outcome: Outcome::Failed,
+            reason: Some(reason),
+            kind: None,
+            range: None,
+            inertia: None,
+            coulomb: None,
+            viscous: None,
+            effects: Vec::new(),
+            held_out_rms: None,
+            verdict: None,
+        }
+    }
+
+    /// From the text of a `report.json`.
+    fn of(name: String, key: String, report: &str) -> Self {
+        let report: Value = serde_json::from_str(report).unwrap_or_default();
+        let text = |pointer: &str| report.pointer(pointer)?.as_str().map(str::to_owned);
+        let terms = report.pointer("/final/terms").and_then(Value::as_array);
+        let term = |name: &str| {
+            let term = terms?.iter().find(|term| term["name"] == name)?;
+            Some([
+                term["value"].as_f64()?,
+                term["std"].as_f64().unwrap_or(f64::NAN),
+            ])
+        };
+        let ends = |k: usize| report.pointer(&format!("/joint/q_range/{k}"))?.as_f64();
+        let verdict = text("/final/verdict");
+        let inertia = term("inertia");
+        let known = inertia.is_some() && verdict.as_deref() != Some("not_identifiable");
+        let reason = report
+            .pointer("/not_identified")
+            .and_then(Value::as_object)
+            .and_then(|reasons| reasons.values().next()?.as_str().map(str::to_owned));
+        let effects = report["effects"].as_array().into_iter().flatten();
+        Self {
+            name,
+            key,
+            outcome: if known {
+                Outcome::Identified
+            } else {
+                Outcome::NotIdentifiable
+            },
+            reason: if known { None } else { reason },
+            kind: text("/joint/kind"),
+            range: ends(1).zip(ends(0)).map(|(high, low)| high - low),
+            inertia,
+            coulomb: term("coulomb"),
+            viscous: term("viscous"),
+            effects: effects
+                .filter_map(|effect| effect["name"].as_str().map(str::to_owned))
+                .collect(),
+            held_out_rms: report
+                .pointer("/final/held_out_rms")
+                .and_then(Value::as_f64),
+            verdict,
+        }
+    }
+
+    /// One line for a terminal.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let number = |pair: Option<[f64; 2]>| {
+            pair.map_or_else(|| "-".to_owned(), |[value, _]| format!("{value:.4}"))
+        };
+        format!(
+            "{:<28} {:<16} {:<10} {:>9} {:>9} {:>9}  {}",
+            self.name,
+            self.outcome.name(),
+            self.kind.as_deref().unwrap_or("-"),
+            number(self.inertia),
+            number(self.coulomb),
+            number(self.viscous),
+            self.reason
+                .clone()
+                .unwrap_or_else(|| self.effects.join(" "))
+        )
+    }
+}
