@@ -9,10 +9,12 @@
 //!
 //! Acquisition never waits for the disk or for a viewer: a full queue drops and counts.
 
+pub mod calibrate;
 pub mod channel;
 pub mod config;
 pub mod encode;
 pub mod health;
+pub mod import;
 pub mod item;
 pub mod ledger;
 pub mod merge;

@@ -1,6 +1,8 @@
 //! `ft-capture`: records what a force-sensing gripper measures.
 
+mod calibrate;
 mod files;
+mod import;
 mod record;
 #[cfg(feature = "sim")]
 mod simulate;
@@ -27,6 +29,9 @@ const EXAMPLES: &str = "Examples:
   ft-capture devices                                 what is plugged in
   ft-capture check door.mcap                         is the recording whole?
   ft-capture recover door.mcap.partial -o door.mcap  after a crash
+  ft-capture calibrate shake.mcap --toml calibration.toml --plot shake.html   the tool's own weight, and the bias
+  ft-capture import-aria rec.mcap --mps mps/ -o door.mcap   poses that Project Aria's services computed
+  ft-capture import-hoi extracted/kitchen/gripper -o recordings/   the public Hoi! dataset
 
 Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
 
@@ -147,6 +152,12 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Find the tool's mass, centre and inertia, the sensor's bias, and the time between pose and wrench
+    Calibrate(calibrate::CalibrateArguments),
+    /// Add the poses of Project Aria glasses (MPS results) to a recording of the wrench
+    ImportAria(import::AriaArguments),
+    /// Make recordings of the public Hoi! dataset (its extracted layout)
+    ImportHoi(import::HoiArguments),
 }
 
 fn main() -> ExitCode {
@@ -172,6 +183,9 @@ fn main() -> ExitCode {
             force,
             json,
         }) => files::replay(&file, &output, force, json),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::ImportAria(arguments)) => import::aria(&arguments),
+        Some(Command::ImportHoi(arguments)) => import::hoi(&arguments),
     };
     match result {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,

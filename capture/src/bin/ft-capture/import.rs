@@ -1,0 +1,196 @@
+//! `ft-capture import-aria` and `import-hoi`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use ft_capture::calibrate::CalibrateOptions;
+use ft_capture::config::Config;
+use ft_capture::import::aria::{AriaOptions, import_aria};
+use ft_capture::import::hoi;
+
+use crate::calibrate::{positive, seconds_range};
+use crate::terminal::say;
+use crate::{CommandResult, Outcome};
+
+const ARIA_EXAMPLES: &str = "Examples:
+  ft-capture import-aria rec.mcap --mps mps_glasses/ -o door.mcap
+  ft-capture import-aria rec.mcap --mps mps/slam/open_loop_trajectory.csv --frames capture.toml -o door.mcap
+  ft-capture import-aria rec.mcap --mps mps/ --starts-at 38.5 -o door.mcap      no utc, or a wrong one: 38.5 s after the first wrench, +-10 s
+
+The offset between the glasses and the wrench is found from the free air (marks free_air_begin and grasp): shake and turn
+the tool there for 10 s. --no-align keeps the times as they are.";
+
+/// What to import.
+#[derive(Debug, Args)]
+#[command(after_help = ARIA_EXAMPLES)]
+pub(crate) struct AriaArguments {
+    /// Recording of the wrench
+    recording: PathBuf,
+    /// Folder of the MPS results, or one trajectory file
+    #[arg(long, value_name = "DIR")]
+    mps: PathBuf,
+    /// The new recording
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// A capture.toml with [frames] [default: the recording's /tf_static]
+    #[arg(long, value_name = "FILE.toml")]
+    frames: Option<PathBuf>,
+    /// Seconds after the first wrench at which the trajectory begins [default: by utc]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    starts_at: Option<f64>,
+    /// Keep the times: do not align by the tool's own wrench
+    #[arg(long)]
+    no_align: bool,
+    /// Free air, s after the first wrench [default: by the marks, else all]
+    #[arg(long, value_name = "FROM..TO", value_parser = seconds_range)]
+    free_air: Option<(f64, f64)>,
+    /// How far the times may be off, s
+    #[arg(long, default_value_t = 10.0, value_parser = positive)]
+    search: f64,
+    /// Leave out poses of a lower quality_score, 0 to 1
+    #[arg(long, default_value_t = 0.0)]
+    min_quality: f64,
+    /// Take the open-loop trajectory even when there is a closed-loop one
+    #[arg(long)]
+    open_loop: bool,
+    /// Replace an existing recording
+    #[arg(long)]
+    force: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Carries `import-aria` out.
+pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
+    let frames = arguments
+        .frames
+        .as_deref()
+        .map(|path| Config::load(path).map(|config| config.frames))
+        .transpose()?;
+    let options = AriaOptions {
+        frames,
+        starts_at_s: arguments.starts_at,
+        align: !arguments.no_align,
+        calibrate: CalibrateOptions {
+            free_air: arguments.free_air,
+            search_s: arguments.search,
+        },
+        min_quality: arguments.min_quality,
+        open_loop: arguments.open_loop,
+        overwrite: arguments.force,
+    };
+    let report = import_aria(
+        &arguments.recording,
+        &arguments.mps,
+        &arguments.output,
+        &options,
+    )?;
+    if arguments.json {
+        say(&serde_json::to_string_pretty(&report)?)?;
+    } else {
+        say(&report.to_string())?;
+    }
+    Ok(Outcome::Fine)
+}
+
+const HOI_EXAMPLES: &str = "Examples:
+  ft-capture import-hoi extracted/kitchen/gripper -o recordings/      every recording of a location
+  ft-capture import-hoi extracted/ -o recordings/                     of all locations; those already there are passed over
+  ft-identify --batch recordings/ -o results/                         then identify them all
+
+DIR holds gripper/<name>_gripper_bag and aria_gripper/<name>_gripper_vrs, each a folder or a zip.";
+
+/// What to import.
+#[derive(Debug, Args)]
+#[command(after_help = HOI_EXAMPLES)]
+pub(crate) struct HoiArguments {
+    /// Folder of the extracted dataset, or any part of it
+    directory: PathBuf,
+    /// Folder of the new recordings, <name>.mcap each; or one FILE.mcap for a single recording
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace existing recordings
+    #[arg(long)]
+    force: bool,
+    /// Print the reports as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Carries `import-hoi` out: a recording that cannot be imported does not stop the others.
+pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
+    let parts = hoi::parts(&arguments.directory)?;
+    let is_file = |path: &Path| {
+        path.extension()
+            .is_some_and(|extension| extension == "mcap")
+    };
+    let single = is_file(&arguments.output);
+    if single && parts.len() > 1 {
+        return Err(format!(
+            "{} recordings are there: give a folder with -o, not one file",
+            parts.len()
+        )
+        .into());
+    }
+    if !single {
+        std::fs::create_dir_all(&arguments.output)
+            .map_err(|error| format!("cannot create {}: {error}", arguments.output.display()))?;
+    }
+    let bar = bar_of(parts.len());
+    let (mut reports, mut failed) = (Vec::new(), 0);
+    for part in &parts {
+        let out = if single {
+            arguments.output.clone()
+        } else {
+            arguments.output.join(format!("{}.mcap", part.name))
+        };
+        if !single && !arguments.force && out.exists() {
+            reports
+                .push(serde_json::json!({ "name": part.name, "path": out, "passed_over": true }));
+            if !arguments.json {
+                say(&format!(
+                    "{}: {} is there already",
+                    part.name,
+                    out.display()
+                ))?;
+            }
+            continue;
+        }
+        match hoi::import_part(part, &out, arguments.force) {
+            Ok(report) => {
+                if !arguments.json {
+                    say(&report.to_string())?;
+                }
+                reports.push(serde_json::to_value(&report)?);
+            }
+            Err(error) => {
+                failed += 1;
+                eprintln!("ft-capture: {}: {error}", part.name);
+                reports.push(serde_json::json!({ "name": part.name, "error": error.to_string() }));
+            }
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    if arguments.json {
+        say(&serde_json::to_string_pretty(&reports)?)?;
+    }
+    match failed {
+        0 => Ok(Outcome::Fine),
+        _ => Err(format!(
+            "{failed} of {} recordings could not be imported",
+            parts.len()
+        )
+        .into()),
+    }
+}
+
+/// A bar on a terminal when there is more than one recording.
+fn bar_of(count: usize) -> indicatif::ProgressBar {
+    if count > 1 && std::io::IsTerminal::is_terminal(&std::io::stderr()) {
+        indicatif::ProgressBar::new(count as u64)
+    } else {
+        indicatif::ProgressBar::hidden()
+    }
+}

@@ -1,0 +1,486 @@
+//! Poses of Project Aria glasses, computed after the recording (MPS), into a recording of the wrench.
+//!
+//! The trajectory has the glasses' clock. Its utc column (a phone's clock, seconds off at worst) says roughly where it
+//! belongs; the tool's own wrench in free air then says so to below a millisecond (see [`crate::calibrate`]).
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use ft_recording::message::{Header, PoseStamped};
+use ft_recording::qos::Qos;
+use ft_recording::rewrite::Rewrite;
+use ft_recording::{
+    KnownFrames, MessageStamps, Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame,
+    metadata, topic,
+};
+use ft_wire::HostTime;
+use ft_wire::frames::{Frame, World};
+use serde::Serialize;
+
+use super::clock_map::ClockMap;
+use super::mps::{SourceFile, Trajectory, TrajectoryCounts, TrajectoryKind};
+use super::{ImportError, io};
+use crate::calibrate::{Alignment, CalibrateOptions, align_recording};
+use crate::config::{Frames, StaticPose};
+use crate::encode::static_transforms;
+
+/// How to import.
+#[derive(Clone, Debug)]
+pub struct AriaOptions {
+    /// Where the frames stand; else what the recording's `/tf_static` says.
+    pub frames: Option<Frames>,
+    /// Seconds after the first wrench at which the trajectory begins; else its utc says.
+    pub starts_at_s: Option<f64>,
+    /// Align by the tool's own wrench.
+    pub align: bool,
+    /// Where free air is and how far the offset is searched.
+    pub calibrate: CalibrateOptions,
+    /// Poses of a lower quality are left out, 0 to 1.
+    pub min_quality: f64,
+    /// Take the open-loop trajectory even when there is a closed-loop one.
+    pub open_loop: bool,
+    /// Replace an existing recording.
+    pub overwrite: bool,
+}
+
+impl Default for AriaOptions {
+    fn default() -> Self {
+        Self {
+            frames: None,
+            starts_at_s: None,
+            align: true,
+            calibrate: CalibrateOptions::default(),
+            min_quality: 0.0,
+            open_loop: false,
+            overwrite: false,
+        }
+    }
+}
+
+/// What was imported.
+#[derive(Clone, Debug, Serialize)]
+pub struct AriaReport {
+    /// The new recording.
+    pub path: PathBuf,
+    /// What it was made from.
+    pub sources: Vec<SourceFile>,
+    /// Which trajectory.
+    pub kind: TrajectoryKind,
+    /// Poses written.
+    pub poses: u64,
+    /// What its file has and what was left out.
+    pub counts: TrajectoryCounts,
+    /// Root mean square of utc about the line that was put through it, ms; none without utc.
+    pub utc_rms_ms: Option<f64>,
+    /// The first pose after the first wrench by utc or by `starts_at_s`, s.
+    pub begins_s: f64,
+    /// What the tool's own wrench adds to that; none when it was not asked.
+    pub alignment: Option<Alignment>,
+    /// Whether `/tcp/pose` was written: it needs to know where the tool is on the glasses.
+    pub has_tcp: bool,
+    /// Time offsets of the glasses' inertial sensors (online calibration), ms: least and largest by sensor.
+    pub imu_offsets_ms: BTreeMap<String, [f64; 2]>,
+}
+
+/// Writes `out`: the recording `source` with the poses of the trajectory in `mps`, a folder of MPS results or a file.
+///
+/// # Errors
+/// [`ImportError`].
+pub fn import_aria(
+    source: &Path,
+    mps: &Path,
+    out: &Path,
+    options: &AriaOptions,
+) -> Result<AriaReport, ImportError> {
+    let (mut recording, known) = Recording::load_without_pose(source, &TopicMap::default())?;
+    let folder = MpsFolder::find(mps)?;
+    let path = folder.trajectory(options.open_loop)?;
+    let trajectory = Trajectory::open(path, options.min_quality)?;
+    let wrench = [
+        &recording.wrench[0].at,
+        &recording.wrench[recording.wrench.len() - 1].at,
+    ];
+    let (start, end) = (*wrench[0], *wrench[1]);
+    let utc = folder.utc_map(&trajectory)?;
+    let to_host = HostMap::of(&trajectory, utc, start, options.starts_at_s)?;
+    let begins_s = to_host.at(&trajectory, 0).seconds_since(start);
+    let duration_s = trajectory.duration_s();
+    let search_s = if options.align {
+        options.calibrate.search_s
+    } else {
+        0.0
+    };
+    if begins_s > end.seconds_since(start) + search_s || begins_s + duration_s < -search_s {
+        return Err(ImportError::Apart {
+            trajectory_s: duration_s,
+            wrench_s: end.seconds_since(start),
+            begins_s,
+        });
+    }
+    let frames = options.frames.clone().or_else(|| frames_of(&known));
+    recording.pose = PoseTrack {
+        frame: TrackedFrame::AriaDevice,
+        samples: (0..trajectory.poses.len())
+            .map(|k| Stamped {
+                at: to_host.at(&trajectory, k),
+                value: trajectory.poses[k].pose,
+            })
+            .collect(),
+    };
+    let alignment = match (options.align, &frames) {
+        (false, _) => None,
+        (true, None) => {
+            return Err(ImportError::Missing {
+                path: source.to_owned(),
+                missing:
+                    "no /tf_static from aria_device to tcp and ft_sensor, which alignment needs"
+                        .to_owned(),
+                hint: "pass --frames with a capture.toml that has [frames.aria_device_from_tcp] and [frames.tcp_from_ft_sensor], \
+                       or --no-align to keep the times of utc",
+            });
+        }
+        (true, Some(frames)) => {
+            recording.aria_device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
+            recording.tcp_from_ft_sensor = pose7(&frames.tcp_from_ft_sensor, source)?;
+            let found = align_recording(&recording, 0.0, &options.calibrate);
+            Some(found.map_err(|source| ImportError::Align {
+                source,
+                hint: "Or give the times by hand: --no-align with --starts-at",
+            })?)
+        }
+    };
+    for sample in &mut recording.pose.samples {
+        sample.at = alignment.map_or(sample.at, |alignment| alignment.shifted(sample.at, start));
+    }
+    let report = AriaReport {
+        path: out.to_owned(),
+        sources: folder.hashes(source)?,
+        kind: trajectory.kind,
+        poses: trajectory.poses.len() as u64,
+        counts: trajectory.counts,
+        utc_rms_ms: utc.map(|map| 1e-6 * map.rms_ns),
+        begins_s,
+        alignment,
+        has_tcp: frames.is_some(),
+        imu_offsets_ms: folder.imu_offsets()?,
+    };
+    write(
+        source,
+        out,
+        &recording,
+        frames.as_ref(),
+        &report,
+        options.overwrite,
+    )?;
+    Ok(report)
+}
+
+fn write(
+    source: &Path,
+    out: &Path,
+    recording: &Recording,
+    frames: Option<&Frames>,
+    report: &AriaReport,
+    overwrite: bool,
+) -> Result<(), ImportError> {
+    let mut rewrite = Rewrite::new();
+    add_poses(&mut rewrite, topic::ARIA_POSE, &recording.pose.samples);
+    rewrite.leave_out(topic::TCP_POSE);
+    if let Some(frames) = frames {
+        let device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
+        let tcp: Vec<_> = recording
+            .pose
+            .samples
+            .iter()
+            .map(|sample| Stamped {
+                at: sample.at,
+                value: sample.value.then(&device_from_tcp),
+            })
+            .collect();
+        add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
+        let at = recording.wrench[0].at;
+        let stamps = MessageStamps {
+            log_time: at,
+            publish_time: at,
+        };
+        let message = static_transforms(frames, at);
+        rewrite.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
+    }
+    rewrite.metadata(metadata::IMPORT, import_entries("aria", report));
+    rewrite.write(Some(source), out, overwrite)?;
+    Ok(())
+}
+
+/// The metadata `ft.import`.
+pub(super) fn import_entries(kind: &str, report: &impl Serialize) -> BTreeMap<String, String> {
+    let json = serde_json::to_string(report).unwrap_or_default();
+    BTreeMap::from([
+        ("kind".to_owned(), kind.to_owned()),
+        ("json".to_owned(), json),
+    ])
+}
+
+/// Adds `world_from_<frame>` as a topic. What was computed afterwards arrives when it is true.
+pub(super) fn add_poses(rewrite: &mut Rewrite<'_>, name: &str, samples: &[Stamped<Pose7>]) {
+    let messages = samples.iter().map(|sample| {
+        let mut message = PoseStamped {
+            header: Header::new(sample.at, World::NAME),
+            ..PoseStamped::default()
+        };
+        message.pose.position = sample.value.position.into();
+        message.pose.orientation = sample.value.quaternion.into();
+        let stamps = MessageStamps {
+            log_time: sample.at,
+            publish_time: sample.at,
+        };
+        (stamps, message)
+    });
+    rewrite.add(name, Qos::SENSOR, messages);
+}
+
+fn frames_of(known: &KnownFrames) -> Option<Frames> {
+    let aria_device_from_tcp = static_pose(&known.aria_device_from_tcp?);
+    Some(Frames {
+        aria_device_from_tcp,
+        tcp_from_ft_sensor: known
+            .tcp_from_ft_sensor
+            .map_or_else(StaticPose::default, |pose| static_pose(&pose)),
+    })
+}
+
+pub(super) fn static_pose(pose: &Pose7) -> StaticPose {
+    StaticPose {
+        position_m: pose.position,
+        quaternion_xyzw: pose.quaternion,
+    }
+}
+
+fn pose7(pose: &StaticPose, path: &Path) -> Result<Pose7, ImportError> {
+    Pose7::normalised(pose.position_m, pose.quaternion_xyzw).ok_or_else(|| ImportError::Content {
+        path: path.to_owned(),
+        reason: format!("{:?} is no rotation", pose.quaternion_xyzw),
+    })
+}
+
+/// From the glasses' clock to the host's, before alignment.
+enum HostMap {
+    Utc(ClockMap),
+    Start(HostTime),
+}
+
+impl HostMap {
+    fn of(
+        trajectory: &Trajectory,
+        utc: Option<ClockMap>,
+        wrench_start: HostTime,
+        starts_at_s: Option<f64>,
+    ) -> Result<Self, ImportError> {
+        match (starts_at_s, utc) {
+            (Some(s), _) => Ok(Self::Start(super::shifted(wrench_start, s))),
+            (None, Some(map)) => Ok(Self::Utc(map)),
+            (None, None) => Err(ImportError::NoUtc {
+                path: trajectory.path.clone(),
+            }),
+        }
+    }
+
+    fn at(&self, trajectory: &Trajectory, k: usize) -> HostTime {
+        let device_ns = trajectory.poses[k].device_ns;
+        match self {
+            Self::Utc(map) => HostTime::from_nanos(map.at(device_ns)),
+            Self::Start(start) => {
+                let since = device_ns - trajectory.poses[0].device_ns;
+                HostTime::from_nanos(start.as_nanos().saturating_add(since))
+            }
+        }
+    }
+}
+
+/// Files of an MPS folder.
+struct MpsFolder {
+    closed: Option<PathBuf>,
+    open: Option<PathBuf>,
+    calibration: Option<PathBuf>,
+    given: PathBuf,
+}
+
+impl MpsFolder {
+    /// `path` is a trajectory, its folder, or the folder above `slam/`.
+    fn find(path: &Path) -> Result<Self, ImportError> {
+        if !path.exists() {
+            return Err(io("find", path)(std::io::ErrorKind::NotFound.into()));
+        }
+        let is_open = |file: &Path| {
+            file.file_name()
+                .is_some_and(|name| name.to_string_lossy().starts_with("open_loop"))
+        };
+        if path.is_file() {
+            let (closed, open) = if is_open(path) {
+                (None, Some(path.to_owned()))
+            } else {
+                (Some(path.to_owned()), None)
+            };
+            return Ok(Self {
+                closed,
+                open,
+                calibration: None,
+                given: path.to_owned(),
+            });
+        }
+        let find = |name: &str| {
+            [
+                path.join(name),
+                path.join("slam").join(name),
+                path.join("trajectory").join(name),
+            ]
+            .into_iter()
+            .find(|file| file.is_file())
+        };
+        Ok(Self {
+            closed: find("closed_loop_trajectory.csv"),
+            open: find("open_loop_trajectory.csv"),
+            calibration: find("online_calibration.jsonl"),
+            given: path.to_owned(),
+        })
+    }
+
+    fn trajectory(&self, open_loop: bool) -> Result<&Path, ImportError> {
+        let wanted = if open_loop { &self.open } else { &self.closed };
+        let any = if open_loop { None } else { self.open.as_ref() };
+        wanted
+            .as_ref()
+            .or(any)
+            .map(PathBuf::as_path)
+            .ok_or_else(|| ImportError::Missing {
+                path: self.given.clone(),
+                missing: if open_loop {
+                    "no open_loop_trajectory.csv".to_owned()
+                } else {
+                    "neither closed_loop_trajectory.csv nor open_loop_trajectory.csv (also not in slam/)"
+                        .to_owned()
+                },
+                hint: "give the folder that MPS wrote for the glasses' recording",
+            })
+    }
+
+    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own.
+    fn utc_map(&self, trajectory: &Trajectory) -> Result<Option<ClockMap>, ImportError> {
+        if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind)
+            && let Some(map) = Trajectory::open(open, 0.0)?.utc_map()
+        {
+            return Ok(Some(map));
+        }
+        Ok(trajectory.utc_map())
+    }
+
+    fn hashes(&self, source: &Path) -> Result<Vec<SourceFile>, ImportError> {
+        [
+            Some(source),
+            self.closed.as_deref(),
+            self.open.as_deref(),
+            self.calibration.as_deref(),
+        ]
+        .into_iter()
+        .flatten()
+        .map(SourceFile::of)
+        .collect()
+    }
+
+    /// Time offsets of gyroscopes and accelerometers over the file, ms.
+    fn imu_offsets(&self) -> Result<BTreeMap<String, [f64; 2]>, ImportError> {
+        let mut offsets: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+        let Some(path) = &self.calibration else {
+            return Ok(offsets);
+        };
+        let text = std::fs::read_to_string(path).map_err(io("read", path))?;
+        for (index, line) in text
+            .lines()
+            .enumerate()
+            .filter(|(_, line)| !line.trim().is_empty())
+        {
+            let value: serde_json::Value =
+                serde_json::from_str(line).map_err(|error| ImportError::Table {
+                    path: path.clone(),
+                    line: index as u64 + 1,
+                    reason: error.to_string(),
+                })?;
+            for imu in value["ImuCalibrations"].as_array().into_iter().flatten() {
+                let label = imu["Label"].as_str().unwrap_or("imu");
+                for (part, key) in [
+                    ("Gyroscope", "TimeOffsetSec_Device_Gyro"),
+                    ("Accelerometer", "TimeOffsetSec_Device_Accel"),
+                ] {
+                    let Some(ms) = imu[part][key].as_f64().map(|s| 1e3 * s) else {
+                        continue;
+                    };
+                    let name = format!("{label} {}", part.to_lowercase());
+                    let range = offsets.entry(name).or_insert([ms, ms]);
+                    *range = [range[0].min(ms), range[1].max(ms)];
+                }
+            }
+        }
+        Ok(offsets)
+    }
+}
+
+impl fmt::Display for AriaReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let counts = &self.counts;
+        let kind = match self.kind {
+            TrajectoryKind::ClosedLoop => "closed-loop",
+            TrajectoryKind::OpenLoop => "open-loop",
+        };
+        writeln!(
+            f,
+            "{}: {} {kind} poses of {} rows (left out: {} not later than the one before, {} no rotation, {} of low quality); \
+             least quality {:.2}",
+            self.path.display(),
+            self.poses,
+            counts.rows,
+            counts.not_later,
+            counts.no_pose,
+            counts.low_quality,
+            counts.least_quality
+        )?;
+        if counts.turned_deg > 0.01 {
+            writeln!(
+                f,
+                "world turned by {:.1} deg, so that z is up",
+                counts.turned_deg
+            )?;
+        }
+        write!(
+            f,
+            "the first pose is {:+.3} s after the first wrench",
+            self.begins_s
+        )?;
+        match self.utc_rms_ms {
+            Some(rms) => writeln!(f, " (utc is a line to {rms:.3} ms rms)")?,
+            None => writeln!(f, " (no utc)")?,
+        }
+        match &self.alignment {
+            Some(alignment) => writeln!(f, "{alignment}")?,
+            None => writeln!(
+                f,
+                "not aligned: the times are those of utc or --starts-at, which may be seconds off"
+            )?,
+        }
+        if !self.has_tcp {
+            writeln!(
+                f,
+                "no /tcp/pose: nothing says where the tool is on the glasses (--frames)"
+            )?;
+        }
+        write!(f, "from")?;
+        for file in &self.sources {
+            write!(
+                f,
+                " {} ({}...)",
+                file.name,
+                file.sha256.get(..12).unwrap_or("")
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,647 @@
+//! Recordings of the public Hoi! dataset in their extracted layout, one of ours for each.
+//!
+//! ```text
+//! .../gripper/<name>_gripper_bag/force_torque/ft_sensor0/ft_sensor_readings/{wrench,temperature}/data.csv
+//! .../gripper/<name>_gripper_bag/calib/{*camchain.yaml,*imu.yaml}
+//! .../aria_gripper/<name>_gripper_vrs/slam/closed_loop_trajectory/data.csv
+//! .../aria_gripper/<name>_gripper_vrs/calib/calib.json
+//! ```
+//!
+//! Any folder may be a zip. The stamps of both devices are already on one clock up to some ms; the tool's own wrench in the
+//! free air before the grasp takes these away when it can, and weighs the tool. What is not there is named.
+//!
+//! # Source
+//! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use ft_recording::message::{Header, Temperature, WrenchStamped};
+use ft_recording::qos::Qos;
+use ft_recording::rewrite::Rewrite;
+use ft_recording::{
+    Calibration, Estimate, MessageStamps, Pose7, PoseTrack, Recording, Stamped, TrackedFrame,
+    metadata, topic,
+};
+use ft_wire::HostTime;
+use ft_wire::frames::{Frame, FtSensor};
+use serde::Serialize;
+
+use super::archive::{Found, find};
+use super::aria::{add_poses, import_entries, static_pose};
+use super::matrix::{from_json, from_yaml};
+use super::mps::{SourceFile, Trajectory, TrajectoryCounts};
+use super::table::{Column, Table};
+use super::{ImportError, hex, io};
+use crate::calibrate::{Alignment, CalibrateOptions, Calibrated, calibrate};
+use crate::config::Frames;
+use crate::encode::static_transforms;
+
+const BAG: &str = "_gripper_bag";
+const VRS: &str = "_gripper_vrs";
+/// Folders below the one that is given.
+const DEPTH: usize = 6;
+/// The dataset's own constants: kg, m in the sensor's axes.
+const MASS_KG: f64 = 0.490;
+const COM_M: [f64; 3] = [0.021, 0.020, 0.059];
+const GRAVITY: f64 = 9.80665;
+
+/// One recording of the dataset.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct HoiPart {
+    /// `<location>_<range>`.
+    pub name: String,
+    /// The folder with `gripper/` and `aria_gripper/`.
+    pub base: PathBuf,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct HoiReport {
+    /// `<location>_<range>`.
+    pub name: String,
+    /// The new recording.
+    pub path: PathBuf,
+    /// Wrenches and poses written.
+    pub samples: [u64; 2],
+    /// What the trajectory has and what of it was left out.
+    pub counts: TrajectoryCounts,
+    /// Where the calibration comes from.
+    pub calibration: HoiCalibration,
+    /// How far the poses were moved; none when the free air does not show it.
+    pub alignment: Option<Alignment>,
+    /// What is not there, and what that costs.
+    pub missing: Vec<String>,
+    /// What it was made from.
+    pub sources: Vec<SourceFile>,
+}
+
+/// Where a calibration comes from.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HoiCalibration {
+    /// Free air of the recording, s from its start.
+    FreeAir {
+        /// End of the free air, s.
+        until_s: f64,
+    },
+    /// The dataset's mass and centre of mass, and the bias of quiet stretches.
+    Constants {
+        /// Quiet stretches, s.
+        quiet_s: f64,
+    },
+}
+
+/// The recordings below a folder: their bags' folders or archives.
+///
+/// # Errors
+/// A folder cannot be listed, or there is none.
+pub fn parts(folder: &Path) -> Result<Vec<HoiPart>, ImportError> {
+    let mut found = BTreeSet::new();
+    if let (Some(name), Some(parent)) = (bag_name(folder), folder.parent()) {
+        found.extend(parent.parent().map(|base| HoiPart {
+            name,
+            base: base.to_owned(),
+        }));
+    }
+    search(folder, DEPTH, &mut found)?;
+    if found.is_empty() {
+        return Err(ImportError::Missing {
+            path: folder.to_owned(),
+            missing: format!("no folder or zip *{BAG}"),
+            hint: "give <base>/extracted/<location>/gripper, or a folder above it; the raw layout (.bag, .vrs) is not read: \
+                   extract it with the dataset's own tools first",
+        });
+    }
+    Ok(found.into_iter().collect())
+}
+
+fn search(folder: &Path, depth: usize, found: &mut BTreeSet<HoiPart>) -> Result<(), ImportError> {
+    for entry in std::fs::read_dir(folder).map_err(io("list", folder))? {
+        let path = entry.map_err(io("list", folder))?.path();
+        if let (Some(name), Some(base)) = (bag_name(&path), folder.parent()) {
+            found.insert(HoiPart {
+                name,
+                base: base.to_owned(),
+            });
+        } else if depth > 0 && path.is_dir() {
+            search(&path, depth - 1, found)?;
+        }
+    }
+    Ok(())
+}
+
+fn bag_name(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy().into_owned();
+    let name = name.strip_suffix(".zip").unwrap_or(&name);
+    name.strip_suffix(BAG).map(str::to_owned)
+}
+
+/// Everything of one recording on its way in.
+struct Import<'a> {
+    part: &'a HoiPart,
+    sources: Vec<SourceFile>,
+    missing: Vec<String>,
+}
+
+/// Writes `out` from one recording of the dataset.
+///
+/// # Errors
+/// [`ImportError`]: the wrench, the trajectory or the calibration between them is missing, or something cannot be read.
+pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiReport, ImportError> {
+    let mut import = Import {
+        part,
+        sources: Vec::new(),
+        missing: Vec::new(),
+    };
+    let wrench = import.wrench()?;
+    let trajectory = import.trajectory()?;
+    let frames = import.frames()?;
+    let temperature = import.temperature()?;
+    for (parts, cost) in [
+        (
+            &["dynamixel_workbench", "joint_states", "data.csv"][..],
+            "no jaw width",
+        ),
+        (
+            &[
+                "force_torque",
+                "ft_sensor0",
+                "ft_sensor_readings",
+                "imu",
+                "data.csv",
+            ][..],
+            "no check by the sensor's own gyroscope",
+        ),
+    ] {
+        if import.in_bag(parts)?.is_none() {
+            import.missing.push(format!("{}: {cost}", parts.join("/")));
+        }
+    }
+    let pose = |frame: &crate::config::StaticPose| Pose7 {
+        position: frame.position_m,
+        quaternion: frame.quaternion_xyzw,
+    };
+    let mut recording = Recording {
+        path: out.to_owned(),
+        sha256: String::new(),
+        wrench,
+        pose: PoseTrack {
+            frame: TrackedFrame::AriaDevice,
+            samples: trajectory
+                .poses
+                .iter()
+                .map(|pose| Stamped {
+                    at: HostTime::from_nanos(pose.device_ns),
+                    value: pose.pose,
+                })
+                .collect(),
+        },
+        gripper_width: Vec::new(),
+        temperature,
+        aria_device_from_tcp: pose(&frames.aria_device_from_tcp),
+        tcp_from_ft_sensor: pose(&frames.tcp_from_ft_sensor),
+        marks: Vec::new(),
+        calibration: None,
+        session: std::collections::BTreeMap::new(),
+        health: ft_recording::recording::ReadHealth::default(),
+    };
+    import.refuse_apart(&recording)?;
+    let (calibration, kind, alignment) = import.weigh(&recording);
+    let start = recording.wrench[0].at;
+    if let Some(alignment) = alignment {
+        for sample in &mut recording.pose.samples {
+            sample.at = alignment.shifted(sample.at, start);
+        }
+    }
+    let report = HoiReport {
+        name: part.name.clone(),
+        path: out.to_owned(),
+        samples: [
+            recording.wrench.len() as u64,
+            recording.pose.samples.len() as u64,
+        ],
+        counts: trajectory.counts,
+        calibration: kind,
+        alignment,
+        missing: import.missing,
+        sources: import.sources,
+    };
+    write(&recording, &frames, &calibration, &report, out, overwrite)?;
+    Ok(report)
+}
+
+impl Import<'_> {
+    fn note(&mut self, found: &Found) {
+        use sha2::{Digest as _, Sha256};
+        let name = found
+            .path
+            .strip_prefix(&self.part.base)
+            .unwrap_or(&found.path);
+        self.sources.push(SourceFile {
+            name: name.display().to_string(),
+            sha256: hex(&Sha256::digest(&found.bytes)),
+        });
+    }
+
+    fn look(
+        &mut self,
+        group: &str,
+        suffix: &str,
+        parts: &[&str],
+    ) -> Result<Option<Found>, ImportError> {
+        let folder = format!("{}{suffix}", self.part.name);
+        let mut path = vec![group, folder.as_str()];
+        path.extend(parts);
+        let found = find(&self.part.base, &path)?;
+        if let Some(found) = &found {
+            self.note(found);
+        }
+        Ok(found)
+    }
+
+    fn in_bag(&mut self, parts: &[&str]) -> Result<Option<Found>, ImportError> {
+        self.look("gripper", BAG, parts)
+    }
+
+    fn in_vrs(&mut self, parts: &[&str]) -> Result<Option<Found>, ImportError> {
+        self.look("aria_gripper", VRS, parts)
+    }
+
+    fn needed(&self, found: Option<Found>, what: &str) -> Result<Found, ImportError> {
+        found.ok_or_else(|| ImportError::Missing {
+            path: self.part.base.clone(),
+            missing: format!(
+                "no {what} of {}, neither as a folder nor in a zip",
+                self.part.name
+            ),
+            hint: "download this part of the dataset too",
+        })
+    }
+
+    fn wrench(&mut self) -> Result<Vec<Stamped<[f64; 6]>>, ImportError> {
+        let parts = [
+            "force_torque",
+            "ft_sensor0",
+            "ft_sensor_readings",
+            "wrench",
+            "data.csv",
+        ];
+        let found = self.in_bag(&parts)?;
+        let found = self.needed(found, &parts.join("/"))?;
+        let table = Table::from_bytes(&found.bytes, &found.path)?;
+        let time = table.column("timestamp")?;
+        let columns = table.columns([
+            "wrench.force.x",
+            "wrench.force.y",
+            "wrench.force.z",
+            "wrench.torque.x",
+            "wrench.torque.y",
+            "wrench.torque.z",
+        ])?;
+        let mut samples = Vec::with_capacity(table.len());
+        for row in 0..table.len() {
+            let value = table.numbers(row, columns)?;
+            if value.iter().all(|number| number.is_finite()) {
+                samples.push(Stamped {
+                    at: stamp(&table, row, time)?,
+                    value,
+                });
+            }
+        }
+        samples.sort_by_key(|sample| sample.at);
+        samples.dedup_by_key(|sample| sample.at);
+        if samples.len() < 2 {
+            return Err(ImportError::Content {
+                path: found.path,
+                reason: format!("{} usable wrenches, need at least 2", samples.len()),
+            });
+        }
+        Ok(samples)
+    }
+
+    fn temperature(&mut self) -> Result<Vec<Stamped<f64>>, ImportError> {
+        let parts = [
+            "force_torque",
+            "ft_sensor0",
+            "ft_sensor_readings",
+            "temperature",
+            "data.csv",
+        ];
+        let Some(found) = self.in_bag(&parts)? else {
+            self.missing
+                .push(format!("{}: no check of thermal drift", parts.join("/")));
+            return Ok(Vec::new());
+        };
+        let table = Table::from_bytes(&found.bytes, &found.path)?;
+        let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
+        let sample = |row| {
+            Ok(Stamped {
+                at: stamp(&table, row, time)?,
+                value: table.number(row, value)?,
+            })
+        };
+        (0..table.len()).map(sample).collect()
+    }
+
+    fn trajectory(&mut self) -> Result<Trajectory, ImportError> {
+        let parts = ["slam", "closed_loop_trajectory", "data.csv"];
+        let found = self.in_vrs(&parts)?;
+        let found = match found {
+            Some(found) => Some(found),
+            None => {
+                let aligned =
+                    self.in_vrs(&["slam", "closed_loop_trajectory_aligned", "data.csv"])?;
+                if aligned.is_some() {
+                    let text = "slam/closed_loop_trajectory: poses taken from closed_loop_trajectory_aligned, in the room scan's frame";
+                    self.missing.push(text.to_owned());
+                }
+                aligned
+            }
+        };
+        let found = self.needed(found, &parts.join("/"))?;
+        Trajectory::from_table(&Table::from_bytes(&found.bytes, &found.path)?, 0.0)
+    }
+
+    /// `T_device_tool = T_device_camera T_cam_imu T_i_tool`, and the same with `T_i_s`.
+    fn frames(&mut self) -> Result<Frames, ImportError> {
+        let camchain = self.in_bag(&["calib", "*camchain.yaml"])?;
+        let camchain = match camchain {
+            Some(found) => Some(found),
+            None => self.in_bag(&["calib", "*imucam.yaml"])?,
+        };
+        let camchain = self.needed(camchain, "calib/*camchain.yaml or calib/*imucam.yaml")?;
+        let imu = self.in_bag(&["calib", "*imu.yaml"])?;
+        let imu = self.needed(imu, "calib/*imu.yaml")?;
+        let json = self.in_vrs(&["calib", "calib.json"])?;
+        let json = self.needed(json, "calib/calib.json")?;
+        let text = |found: &Found| String::from_utf8_lossy(&found.bytes).into_owned();
+        let (chain, imu_text, json_text) = (text(&camchain), text(&imu), text(&json));
+        let device_from_camera = from_json(&json_text, "/NON_PINHOLE/T_device_camera", &json.path)?;
+        let mut camera_from_imu = from_yaml(&chain, "cam2", "T_cam_imu", &camchain.path);
+        if camera_from_imu.is_err()
+            && let Some(other) = self.in_bag(&["calib", "*imucam.yaml"])?
+        {
+            camera_from_imu = from_yaml(&text(&other), "cam2", "T_cam_imu", &other.path);
+        }
+        let device_from_imu = device_from_camera.then(&camera_from_imu?);
+        let of_imu = |key| from_yaml(&imu_text, "imu0", key, &imu.path);
+        let device_from_tool = device_from_imu.then(&of_imu("T_i_tool")?);
+        let device_from_sensor = device_from_imu.then(&of_imu("T_i_s")?);
+        Ok(Frames {
+            aria_device_from_tcp: static_pose(&device_from_tool),
+            tcp_from_ft_sensor: static_pose(&device_from_tool.inverse().then(&device_from_sensor)),
+        })
+    }
+
+    fn refuse_apart(&self, recording: &Recording) -> Result<(), ImportError> {
+        let span = |first: HostTime, last: HostTime| last.seconds_since(first);
+        let (wrench, pose) = (&recording.wrench, &recording.pose.samples);
+        let (w0, w1) = (wrench[0].at, wrench[wrench.len() - 1].at);
+        let (p0, p1) = (pose[0].at, pose[pose.len() - 1].at);
+        if p0 < w1 && w0 < p1 {
+            return Ok(());
+        }
+        Err(ImportError::Content {
+            path: self.part.base.clone(),
+            reason: format!(
+                "{}: the poses ({:.1} s) begin {:+.1} s after the wrench ({:.1} s) and do not overlap it: the streams were not aligned by the \
+                 dataset's own tools; run their time alignment first",
+                self.part.name,
+                span(p0, p1),
+                p0.seconds_since(w0),
+                span(w0, w1)
+            ),
+        })
+    }
+
+    /// Weighs the tool in the free air at the start, as long as it lasts; else by the dataset's constants.
+    fn weigh(&mut self, recording: &Recording) -> (Calibration, HoiCalibration, Option<Alignment>) {
+        let end = recording.wrench[recording.wrench.len() - 1]
+            .at
+            .seconds_since(recording.wrench[0].at);
+        let mut best: Option<(f64, Calibrated)> = None;
+        let mut until_s = 6.0;
+        while until_s < end {
+            match free_air(recording, until_s) {
+                Some(found) => best = Some((until_s, found)),
+                None if best.is_some() => break,
+                None => {}
+            }
+            until_s += 3.0;
+            if until_s > 90.0 {
+                break;
+            }
+        }
+        if let Some((until_s, found)) = best {
+            let kind = HoiCalibration::FreeAir { until_s };
+            return (found.calibration, kind, found.alignment);
+        }
+        let (bias, quiet_s) = quiet_bias(recording);
+        self.missing.push(
+            "free air with the tool turned and shaken before the grasp: mass and centre of mass are the dataset's, the milliseconds between the \
+             clocks stay"
+                .to_owned(),
+        );
+        if bias.is_none() {
+            self.missing
+                .push("a contact-free stretch of 5 s: the sensor's bias is unknown".to_owned());
+        }
+        let calibration = Calibration {
+            payload_mass_kg: Estimate {
+                value: MASS_KG,
+                std: 0.01,
+            },
+            payload_com_m: Estimate {
+                value: COM_M,
+                std: [0.003; 3],
+            },
+            payload_inertia_kgm2: Estimate {
+                value: [0.0; 6],
+                std: [0.001; 6],
+            },
+            wrench_bias: bias,
+        };
+        (calibration, HoiCalibration::Constants { quiet_s }, None)
+    }
+}
+
+/// Calibrates the first `until_s` seconds; `None` when something touched the tool or the motion shows too little.
+fn free_air(recording: &Recording, until_s: f64) -> Option<Calibrated> {
+    let options = CalibrateOptions {
+        free_air: Some((0.0, until_s)),
+        search_s: 0.5,
+    };
+    let found = calibrate(recording, &options).ok()?;
+    // A hand that rests on the tool, or a handle, leaves newtons.
+    let quiet = found.residual_rms[0] < 0.3 && found.residual_rms[1] < 0.03;
+    let largest = found
+        .series
+        .iter()
+        .flat_map(|sample| &sample.left[..3])
+        .fold(0.0_f64, |most, left| most.max(left.abs()));
+    let mass = found.calibration.payload_mass_kg.value;
+    (quiet && largest < 1.5 && (0.1..3.0).contains(&mass)).then_some(found)
+}
+
+/// Bias from stretches of 5 s in which the wrench without the tool's weight stays, near the first of them; and their length, s.
+fn quiet_bias(recording: &Recording) -> (Option<Estimate<[f64; 6]>>, f64) {
+    const STRETCH_S: f64 = 5.0;
+    let world_from_tracked = &recording.pose.samples;
+    let device_from_sensor = recording
+        .aria_device_from_tcp
+        .then(&recording.tcp_from_ft_sensor);
+    let start = recording.wrench[0].at;
+    let mut stretches: Vec<Vec<[f64; 6]>> = Vec::new();
+    for sample in &recording.wrench {
+        let after = world_from_tracked.partition_point(|pose| pose.at <= sample.at);
+        let Some(pose) = after.checked_sub(1).and_then(|k| world_from_tracked.get(k)) else {
+            continue;
+        };
+        let rotation = pose.value.then(&device_from_sensor).inverse();
+        let [gx, gy, gz] = rotation.rotate([0.0, 0.0, -GRAVITY]).map(|g| MASS_KG * g);
+        let [cx, cy, cz] = COM_M;
+        let own = [
+            gx,
+            gy,
+            gz,
+            cy * gz - cz * gy,
+            cz * gx - cx * gz,
+            cx * gy - cy * gx,
+        ];
+        let index = (sample.at.seconds_since(start) / STRETCH_S) as usize;
+        stretches.resize_with(stretches.len().max(index + 1), Vec::new);
+        stretches[index].push(core::array::from_fn(|k| sample.value[k] - own[k]));
+    }
+    let judged = stretches.iter().filter(|rest| rest.len() > 20).map(|rest| {
+        let n = rest.len() as f64;
+        let mean: [f64; 6] = core::array::from_fn(|k| rest.iter().map(|r| r[k]).sum::<f64>() / n);
+        let std: [f64; 6] = core::array::from_fn(|k| {
+            (rest.iter().map(|r| (r[k] - mean[k]).powi(2)).sum::<f64>() / n).sqrt()
+        });
+        (mean, std)
+    });
+    let is_quiet =
+        |std: &[f64; 6]| std[..3].iter().all(|s| *s < 0.3) && std[3..].iter().all(|s| *s < 0.03);
+    let mut near: Vec<[f64; 6]> = Vec::new();
+    for (mean, _) in judged.filter(|(_, std)| is_quiet(std)) {
+        let first = *near.first().unwrap_or(&mean);
+        if (0..3).all(|k| (mean[k] - first[k]).abs() < 0.7) {
+            near.push(mean);
+        }
+    }
+    let n = near.len() as f64;
+    if near.is_empty() {
+        return (None, 0.0);
+    }
+    let value: [f64; 6] = core::array::from_fn(|k| near.iter().map(|m| m[k]).sum::<f64>() / n);
+    let std = core::array::from_fn(|k| {
+        let spread = (near.iter().map(|m| (m[k] - value[k]).powi(2)).sum::<f64>() / n).sqrt();
+        spread.max(if k < 3 { 0.1 } else { 0.005 })
+    });
+    (Some(Estimate { value, std }), n * STRETCH_S)
+}
+
+/// A stamp in ns; some tables write it as a float.
+fn stamp(table: &Table, row: usize, column: Column) -> Result<HostTime, ImportError> {
+    if let Ok(nanos) = table.number::<i64>(row, column) {
+        return Ok(HostTime::from_nanos(nanos));
+    }
+    let nanos = table.number::<f64>(row, column)?;
+    Ok(super::shifted(HostTime::EPOCH, 1e-9 * nanos))
+}
+
+fn write(
+    recording: &Recording,
+    frames: &Frames,
+    calibration: &Calibration,
+    report: &HoiReport,
+    out: &Path,
+    overwrite: bool,
+) -> Result<(), ImportError> {
+    let stamps = |at: HostTime| MessageStamps {
+        log_time: at,
+        publish_time: at,
+    };
+    let mut rewrite = Rewrite::new();
+    let wrench = recording.wrench.iter().map(|sample| {
+        let message = WrenchStamped {
+            header: Header::new(sample.at, FtSensor::NAME),
+            wrench: sample.value.into(),
+        };
+        (stamps(sample.at), message)
+    });
+    rewrite.add(topic::WRENCH, Qos::SENSOR, wrench);
+    add_poses(&mut rewrite, topic::ARIA_POSE, &recording.pose.samples);
+    let tcp: Vec<_> = recording
+        .pose
+        .samples
+        .iter()
+        .map(|sample| Stamped {
+            at: sample.at,
+            value: sample.value.then(&recording.aria_device_from_tcp),
+        })
+        .collect();
+    add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
+    if !recording.temperature.is_empty() {
+        let messages = recording.temperature.iter().map(|sample| {
+            let message = Temperature {
+                header: Header::new(sample.at, FtSensor::NAME),
+                temperature: sample.value,
+                variance: 0.0,
+            };
+            (stamps(sample.at), message)
+        });
+        rewrite.add(topic::TEMPERATURE, Qos::SENSOR, messages);
+    }
+    let start = recording.wrench[0].at;
+    rewrite.add(
+        topic::TF_STATIC,
+        Qos::LATCHED,
+        [(stamps(start), static_transforms(frames, start))],
+    );
+    let calibration =
+        calibration
+            .to_metadata()
+            .map_err(|source| ft_recording::ReadError::Calibration {
+                path: out.to_owned(),
+                source,
+            })?;
+    rewrite.metadata(metadata::CALIBRATION, calibration);
+    rewrite.metadata(metadata::IMPORT, import_entries("hoi", report));
+    rewrite.write(None, out, overwrite)?;
+    Ok(())
+}
+
+impl fmt::Display for HoiReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: {} wrenches, {} poses -> {}",
+            self.name,
+            self.samples[0],
+            self.samples[1],
+            self.path.display()
+        )?;
+        match &self.calibration {
+            HoiCalibration::FreeAir { until_s } => write!(
+                f,
+                "\n  tool weighed in the first {until_s:.0} s of free air"
+            )?,
+            HoiCalibration::Constants { quiet_s } => {
+                write!(
+                    f,
+                    "\n  tool by the dataset's constants, bias from {quiet_s:.0} quiet s"
+                )?;
+            }
+        }
+        if let Some(alignment) = &self.alignment {
+            write!(f, "\n  {alignment}")?;
+        }
+        for missing in &self.missing {
+            write!(f, "\n  missing: {missing}")?;
+        }
+        Ok(())
+    }
+}

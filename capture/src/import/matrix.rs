@@ -1,0 +1,154 @@
+//! Poses as 4x4 matrices in Kalibr's YAML and in JSON.
+
+use std::path::Path;
+
+use ft_recording::Pose7;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+
+use super::ImportError;
+
+/// The matrix `key` below the section `section:` of a YAML file, however its rows are written.
+///
+/// # Errors
+/// It is not there, has not 16 numbers, or is no pose.
+pub fn from_yaml(text: &str, section: &str, key: &str, path: &Path) -> Result<Pose7, ImportError> {
+    let body =
+        section_of(text, section).ok_or_else(|| wrong(path, &format!("no section {section}")))?;
+    let label = format!("{key}:");
+    let start = body
+        .match_indices(&label)
+        .find(|(at, _)| {
+            body[..*at]
+                .chars()
+                .next_back()
+                .is_none_or(|before| before.is_whitespace() || before == '{' || before == ',')
+        })
+        .map(|(at, _)| at + label.len())
+        .ok_or_else(|| wrong(path, &format!("no {key} in {section}")))?;
+    let mut numbers = Vec::new();
+    let separators = |c: char| c.is_whitespace() || matches!(c, '[' | ']' | ',');
+    for word in body[start..].split(separators) {
+        // Block lists put a dash before each element.
+        if word.is_empty() || word == "-" {
+            continue;
+        }
+        let Ok(number) = word.parse::<f64>() else {
+            break;
+        };
+        numbers.push(number);
+        if numbers.len() == 16 {
+            break;
+        }
+    }
+    pose(&numbers, key, path)
+}
+
+/// The lines below `section:` up to the next line that begins in the first column.
+fn section_of<'a>(text: &'a str, section: &str) -> Option<&'a str> {
+    let label = format!("{section}:");
+    let mut at = 0;
+    let mut start = None;
+    for line in text.split_inclusive('\n') {
+        let begins = !line.starts_with([' ', '\t', '#', '\n', '\r', '-']);
+        match start {
+            None if line.starts_with(&label) => start = Some(at + label.len()),
+            Some(start) if begins => return text.get(start..at),
+            _ => {}
+        }
+        at += line.len();
+    }
+    text.get(start?..)
+}
+
+/// The 4x4 matrix at `pointer` of a JSON file.
+///
+/// # Errors
+/// It is not there, has not 16 numbers, or is no pose.
+pub fn from_json(text: &str, pointer: &str, path: &Path) -> Result<Pose7, ImportError> {
+    let value: serde_json::Value =
+        serde_json::from_str(text).map_err(|error| wrong(path, &error.to_string()))?;
+    let matrix = value
+        .pointer(pointer)
+        .ok_or_else(|| wrong(path, &format!("no {pointer}")))?;
+    let mut numbers = Vec::new();
+    let rows = matrix.as_array().into_iter().flatten();
+    for row in rows {
+        match row.as_array() {
+            Some(row) => numbers.extend(row.iter().filter_map(serde_json::Value::as_f64)),
+            None => numbers.extend(row.as_f64()),
+        }
+    }
+    pose(&numbers, pointer, path)
+}
+
+fn pose(numbers: &[f64], key: &str, path: &Path) -> Result<Pose7, ImportError> {
+    let &[a, b, c, x, d, e, f, y, g, h, i, z, p, q, r, one] = numbers else {
+        return Err(wrong(
+            path,
+            &format!("{key} has {} numbers, expected 16", numbers.len()),
+        ));
+    };
+    let turn = Matrix3::new(a, b, c, d, e, f, g, h, i);
+    let skewed = (turn * turn.transpose() - Matrix3::identity()).norm();
+    let last = [p, q, r, one - 1.0].iter().map(|v| v.abs()).sum::<f64>();
+    if !(skewed < 1e-3 && turn.determinant() > 0.0 && last < 1e-9) {
+        return Err(wrong(
+            path,
+            &format!("{key} is no pose: its rotation is off by {skewed:.2e}"),
+        ));
+    }
+    let turn = Rotation3::from_matrix_eps(&turn, 1e-12, 100, Rotation3::identity());
+    let q = UnitQuaternion::from_rotation_matrix(&turn).coords;
+    Ok(Pose7 {
+        position: [x, y, z],
+        quaternion: [q.x, q.y, q.z, q.w],
+    })
+}
+
+fn wrong(path: &Path, reason: &str) -> ImportError {
+    ImportError::Content {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: &str = "cam1:\n  T_cam_imu: [[1,0,0,9],[0,1,0,9],[0,0,1,9],[0,0,0,1]]\ncam2:\n  T_cam_imu:\n  - [0.0, -1.0, 0.0, 1.0e-1]\n  \
+                        - [1.0, 0.0, 0.0, -2]\n  - [0.0, 0.0, 1.0, 3]\n  - [0.0, 0.0, 0.0, 1.0]\n  timeshift_cam_imu: 0.5\n";
+
+    #[test]
+    fn a_matrix_of_rows_is_read_from_its_own_section() {
+        let pose = from_yaml(ROWS, "cam2", "T_cam_imu", Path::new("a.yaml")).unwrap();
+        assert_eq!(pose.position, [0.1, -2.0, 3.0]);
+        let [x, y, _] = pose.rotate([1.0, 0.0, 0.0]);
+        assert!(x.abs() < 1e-9 && (y - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nested_block_lists_are_read_too() {
+        let text = "imu0:\n  T_i_s:\n  - - 1.0\n    - 0.0\n    - 0.0\n    - 0.5\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, 0, 0, 1]\n";
+        let pose = from_yaml(text, "imu0", "T_i_s", Path::new("a.yaml")).unwrap();
+        assert_eq!(pose.position, [0.5, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn what_is_missing_or_no_pose_is_named() {
+        let of = |section, key| {
+            from_yaml(ROWS, section, key, Path::new("a.yaml"))
+                .unwrap_err()
+                .to_string()
+        };
+        assert_eq!(of("cam3", "T_cam_imu"), "a.yaml: no section cam3");
+        assert_eq!(of("cam2", "T_i_b"), "a.yaml: no T_i_b in cam2");
+        let short = from_yaml("a:\n  T: [1, 2]\n", "a", "T", Path::new("a.yaml")).unwrap_err();
+        assert_eq!(short.to_string(), "a.yaml: T has 2 numbers, expected 16");
+        let json = "{\"N\": {\"T\": [[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]}}";
+        let message = from_json(json, "/N/T", Path::new("a.json"))
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("is no pose"), "{message}");
+    }
+}

@@ -1,0 +1,349 @@
+//! Trajectories of Project Aria's machine perception services (MPS).
+//!
+//! `closed_loop_trajectory.csv` and `open_loop_trajectory.csv`, old and new; columns are found by name. Times are of the
+//! glasses' own clock; utc is a phone's, in the closed-loop file a staircase of 100 ms, and -1 where it is not known.
+//!
+//! # Source
+//! `facebookresearch/projectaria_tools` commit 90f70ff, the sample files in `data/gen1/mps_sample/trajectory`.
+
+use std::path::{Path, PathBuf};
+
+use ft_recording::Pose7;
+use serde::Serialize;
+
+use super::clock_map::ClockMap;
+use super::table::Table;
+use super::{ImportError, io, sha256};
+
+/// Which trajectory a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TrajectoryKind {
+    /// Optimised with loop closures, in one world.
+    ClosedLoop,
+    /// Odometry; drifts.
+    OpenLoop,
+}
+
+/// A pose of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MpsPose {
+    /// The glasses' clock, ns.
+    pub device_ns: i64,
+    /// The phone's clock, ns since the Unix epoch, as written.
+    pub utc_ns: Option<i64>,
+    /// `world_from_device`, z up.
+    pub pose: Pose7,
+    /// Angular rate in device axes, rad/s; NaN where the file has none.
+    pub rate: [f64; 3],
+    /// 0 to 1; 1 where the file has none.
+    pub quality: f64,
+}
+
+/// A trajectory file.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// The file.
+    pub path: PathBuf,
+    /// What it holds.
+    pub kind: TrajectoryKind,
+    /// Its poses, by the glasses' clock, turned so that gravity points along -z.
+    pub poses: Vec<MpsPose>,
+    /// What was left out.
+    pub counts: TrajectoryCounts,
+}
+
+/// What a trajectory's file has, and what of it was left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct TrajectoryCounts {
+    /// Rows of the file.
+    pub rows: u64,
+    /// Rows that are not later than the one before: left out.
+    pub not_later: u64,
+    /// Rows whose quaternion is no rotation or whose numbers are not finite: left out.
+    pub no_pose: u64,
+    /// Rows of a quality below what was asked for: left out.
+    pub low_quality: u64,
+    /// Rows without utc.
+    pub without_utc: u64,
+    /// Angle by which the world was turned to have z up, deg.
+    pub turned_deg: f64,
+    /// Smallest quality of the poses kept.
+    pub least_quality: f64,
+}
+
+/// A file of a folder, and its hash.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct SourceFile {
+    /// Its path below the folder.
+    pub name: String,
+    /// SHA-256, 64 hex digits.
+    pub sha256: String,
+}
+
+impl SourceFile {
+    /// The file at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn of(path: &Path) -> Result<Self, ImportError> {
+        Ok(Self {
+            name: path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
+            sha256: sha256(path)?,
+        })
+    }
+}
+
+impl Trajectory {
+    /// Reads a file; poses of a quality below `min_quality` are left out.
+    ///
+    /// # Errors
+    /// It cannot be read, lacks a column, has a field that is no number, or no pose is left.
+    pub fn open(path: &Path, min_quality: f64) -> Result<Self, ImportError> {
+        let bytes = std::fs::read(path).map_err(io("read", path))?;
+        Self::from_table(&Table::from_bytes(&bytes, path)?, min_quality)
+    }
+
+    /// Reads a table: the clock in `tracking_timestamp_us`, or in `timestamp` (ns) as the Hoi! dataset has it.
+    ///
+    /// # Errors
+    /// As [`Trajectory::open`].
+    pub fn from_table(table: &Table, min_quality: f64) -> Result<Self, ImportError> {
+        let kind = if table.find("tx_odometry_device").is_some() {
+            TrajectoryKind::OpenLoop
+        } else {
+            TrajectoryKind::ClosedLoop
+        };
+        let world = match kind {
+            TrajectoryKind::ClosedLoop => "world",
+            TrajectoryKind::OpenLoop => "odometry",
+        };
+        let (time, scale) = match table.find("tracking_timestamp_us") {
+            Some(column) => (column, 1_000),
+            None => (table.column("timestamp")?, 1),
+        };
+        let named = |what: &str| table.column(&format!("{what}_{world}_device"));
+        let position = [named("tx")?, named("ty")?, named("tz")?];
+        let turn = [named("qx")?, named("qy")?, named("qz")?, named("qw")?];
+        let axes = ["x", "y", "z"];
+        let rate = axes.map(|axis| table.find(&format!("angular_velocity_{axis}_device")));
+        let gravity = axes.map(|axis| table.find(&format!("gravity_{axis}_{world}")));
+        let (utc, quality) = (table.find("utc_timestamp_ns"), table.find("quality_score"));
+        let mut out = Self {
+            path: table.path().to_owned(),
+            kind,
+            poses: Vec::with_capacity(table.len()),
+            counts: TrajectoryCounts {
+                rows: table.len() as u64,
+                ..TrajectoryCounts::default()
+            },
+        };
+        let mut up = Upright::default();
+        for row in 0..table.len() {
+            let device_ns = table.number::<i64>(row, time)?.saturating_mul(scale);
+            let quality = quality.map_or(Ok(1.0), |column| table.number::<f64>(row, column))?;
+            let utc_ns = utc
+                .map(|column| table.number::<i64>(row, column))
+                .transpose()?;
+            let utc_ns = utc_ns.filter(|utc| *utc > 0);
+            out.counts.without_utc += u64::from(utc_ns.is_none());
+            let pose = Pose7::normalised(table.numbers(row, position)?, table.numbers(row, turn)?);
+            let Some(pose) = pose else {
+                out.counts.no_pose += 1;
+                continue;
+            };
+            if out
+                .poses
+                .last()
+                .is_some_and(|last| last.device_ns >= device_ns)
+            {
+                out.counts.not_later += 1;
+                continue;
+            }
+            if quality.is_nan() || quality < min_quality {
+                out.counts.low_quality += 1;
+                continue;
+            }
+            if let [Some(x), Some(y), Some(z)] = gravity {
+                up.add(table.numbers(row, [x, y, z])?);
+            }
+            let rate = match rate {
+                [Some(x), Some(y), Some(z)] => table.numbers(row, [x, y, z])?,
+                _ => [f64::NAN; 3],
+            };
+            out.poses.push(MpsPose {
+                device_ns,
+                utc_ns,
+                pose,
+                rate,
+                quality,
+            });
+        }
+        out.finish(&up)
+    }
+
+    fn finish(mut self, up: &Upright) -> Result<Self, ImportError> {
+        let turn = up.turn();
+        self.counts.turned_deg = turn.rotation_deg;
+        if turn.rotation_deg > 0.01 {
+            for pose in &mut self.poses {
+                pose.pose = turn.pose.then(&pose.pose);
+            }
+        }
+        let least = self.poses.iter().map(|pose| pose.quality);
+        self.counts.least_quality = least.fold(1.0, f64::min);
+        if self.poses.len() < 2 {
+            return Err(ImportError::Content {
+                reason: format!(
+                    "{} of {} rows are usable poses, need at least 2 (quality too low {}, no rotation {}, not later {}); \
+                     lower --min-quality or look at the file",
+                    self.poses.len(),
+                    self.counts.rows,
+                    self.counts.low_quality,
+                    self.counts.no_pose,
+                    self.counts.not_later
+                ),
+                path: self.path,
+            });
+        }
+        Ok(self)
+    }
+
+    /// Readings of (glasses' clock, utc), ns.
+    #[must_use]
+    pub fn utc_pairs(&self) -> Vec<(i64, i64)> {
+        let pair = |pose: &MpsPose| Some((pose.device_ns, pose.utc_ns?));
+        self.poses.iter().filter_map(pair).collect()
+    }
+
+    /// The map from the glasses' clock to utc; `None` when the file has no utc.
+    #[must_use]
+    pub fn utc_map(&self) -> Option<ClockMap> {
+        ClockMap::through(&self.utc_pairs())
+    }
+
+    /// Length, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match (self.poses.first(), self.poses.last()) {
+            (Some(first), Some(last)) => (last.device_ns - first.device_ns) as f64 * 1e-9,
+            _ => 0.0,
+        }
+    }
+}
+
+/// Which way gravity points in a trajectory's world.
+#[derive(Debug, Default)]
+struct Upright {
+    sum: [f64; 3],
+}
+
+/// A turn of the world.
+struct Turn {
+    pose: Pose7,
+    rotation_deg: f64,
+}
+
+impl Upright {
+    fn add(&mut self, gravity: [f64; 3]) {
+        for (sum, value) in self.sum.iter_mut().zip(gravity) {
+            *sum += value;
+        }
+    }
+
+    /// The smallest rotation that takes gravity to -z; none when the file does not tell.
+    fn turn(&self) -> Turn {
+        let none = Turn {
+            pose: Pose7::IDENTITY,
+            rotation_deg: 0.0,
+        };
+        let length = self.sum.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if !(length > 0.0 && length.is_finite()) {
+            return none;
+        }
+        let [x, y, z] = self.sum.map(|v| v / length);
+        let cos = -z;
+        // From (x, y, z) to (0, 0, -1): axis (x, y, z) x (0, 0, -1) = (-y, x, 0).
+        let quaternion = if cos < -0.999_999 {
+            [1.0, 0.0, 0.0, 0.0]
+        } else {
+            [-y, x, 0.0, 1.0 + cos]
+        };
+        let half = quaternion.iter().map(|q| q * q).sum::<f64>().sqrt();
+        Pose7::normalised([0.0; 3], quaternion.map(|q| q / half)).map_or(none, |pose| Turn {
+            pose,
+            rotation_deg: cos.clamp(-1.0, 1.0).acos().to_degrees(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, min_quality: f64) -> Result<Trajectory, ImportError> {
+        let table = Table::from_bytes(text.as_bytes(), Path::new("closed_loop_trajectory.csv"))?;
+        Trajectory::from_table(&table, min_quality)
+    }
+
+    const HEADER: &str = "quality_score,tracking_timestamp_us,utc_timestamp_ns,qw_world_device,qx_world_device,qy_world_device,\
+                          qz_world_device,tx_world_device,ty_world_device,tz_world_device,gravity_x_world,gravity_y_world,gravity_z_world\n";
+
+    #[test]
+    fn rows_that_cannot_be_used_are_left_out_and_counted() {
+        let text = format!(
+            "{HEADER}0.2,5,-1,1,0,0,0,0,0,0,0,0,-9.81\n1,10,7,1,0,0,0,0,0,0,0,0,-9.81\n1,10,7,1,0,0,0,0,0,0,0,0,-9.81\n\
+             1,11,7,0,0,0,0,0,0,0,0,0,-9.81\n1,12,-1,1,0,0,0,1,0,0,0,0,-9.81\n"
+        );
+        let trajectory = read(&text, 0.5).unwrap();
+        assert_eq!(trajectory.poses.len(), 2);
+        assert_eq!(trajectory.poses[0].device_ns, 10_000);
+        assert_eq!(
+            (trajectory.poses[0].utc_ns, trajectory.poses[1].utc_ns),
+            (Some(7), None)
+        );
+        let counts = trajectory.counts;
+        assert_eq!(
+            (
+                counts.low_quality,
+                counts.not_later,
+                counts.no_pose,
+                counts.without_utc
+            ),
+            (1, 1, 1, 2)
+        );
+    }
+
+    #[test]
+    fn a_world_with_y_up_is_turned_to_z_up() {
+        let row = |t: i32| format!("1,{t},-1,1,0,0,0,0,2,0,0,-9.81,0\n");
+        let trajectory = read(&format!("{HEADER}{}{}", row(1), row(2)), 0.0).unwrap();
+        let [x, y, z] = trajectory.poses[0].pose.position;
+        assert!(
+            x.abs() < 1e-12 && y.abs() < 1e-12 && (z - 2.0).abs() < 1e-12,
+            "{x} {y} {z}"
+        );
+        assert!((trajectory.counts.turned_deg - 90.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_world_upside_down_is_turned_over() {
+        let row = |t: i32| format!("1,{t},-1,1,0,0,0,0,0,2,0,0,9.81\n");
+        let trajectory = read(&format!("{HEADER}{}{}", row(1), row(2)), 0.0).unwrap();
+        assert!((trajectory.poses[0].pose.position[2] + 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_trajectory_without_a_usable_pose_is_refused() {
+        let text = format!("{HEADER}0.2,5,-1,1,0,0,0,0,0,0,0,0,-9.81\n");
+        let message = read(&text, 0.5).unwrap_err().to_string();
+        assert!(
+            message.contains("0 of 1 rows are usable poses"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,189 @@
+//! CSV tables whose columns are found by name.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use super::{ImportError, io};
+
+/// A table with a header, in memory.
+#[derive(Debug)]
+pub struct Table {
+    path: PathBuf,
+    columns: Vec<String>,
+    rows: Vec<csv::StringRecord>,
+}
+
+/// A column of a [`Table`].
+#[derive(Clone, Copy, Debug)]
+pub struct Column(usize);
+
+impl Table {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It cannot be read, is no table, or its rows differ in length. A last row that was cut short is left out.
+    pub fn open(path: &Path) -> Result<Self, ImportError> {
+        Self::from_bytes(&std::fs::read(path).map_err(io("read", path))?, path)
+    }
+
+    /// Reads `bytes` that `path` is said to hold.
+    ///
+    /// # Errors
+    /// As [`Table::open`].
+    pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, ImportError> {
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .flexible(true)
+            .from_reader(bytes);
+        let wrong = |error: &csv::Error| ImportError::Table {
+            path: path.to_owned(),
+            line: error.position().map_or(0, csv::Position::line),
+            reason: error.to_string(),
+        };
+        let header = reader.headers().map_err(|error| wrong(&error))?;
+        let columns: Vec<_> = header
+            .iter()
+            .map(|name| name.trim_start_matches('\u{feff}').to_owned())
+            .collect();
+        let mut rows = Vec::new();
+        for row in reader.records() {
+            rows.push(row.map_err(|error| wrong(&error))?);
+        }
+        if rows.last().is_some_and(|row| row.len() < columns.len()) {
+            rows.pop();
+        }
+        if let Some(row) = rows.iter().find(|row| row.len() != columns.len()) {
+            return Err(ImportError::Table {
+                path: path.to_owned(),
+                line: row.position().map_or(0, csv::Position::line),
+                reason: format!("{} fields, the header has {}", row.len(), columns.len()),
+            });
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            columns,
+            rows,
+        })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Rows without the header.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// The column of this name, if there is one.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<Column> {
+        self.columns
+            .iter()
+            .position(|column| column == name)
+            .map(Column)
+    }
+
+    /// The column of this name.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn column(&self, name: &str) -> Result<Column, ImportError> {
+        self.find(name).ok_or_else(|| ImportError::Column {
+            path: self.path.clone(),
+            column: name.to_owned(),
+            there: self.columns.join(", "),
+        })
+    }
+
+    /// Several columns, in the order of `names`.
+    ///
+    /// # Errors
+    /// One is not there.
+    pub fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[Column; N], ImportError> {
+        let mut found = [Column(0); N];
+        for (column, name) in found.iter_mut().zip(names) {
+            *column = self.column(name)?;
+        }
+        Ok(found)
+    }
+
+    /// A number.
+    ///
+    /// # Errors
+    /// The field is none of that kind.
+    pub fn number<T: FromStr>(&self, row: usize, column: Column) -> Result<T, ImportError> {
+        let field = self.rows.get(row).and_then(|fields| fields.get(column.0));
+        let text = field.unwrap_or_default();
+        text.parse().map_err(|_| ImportError::Field {
+            path: self.path.clone(),
+            line: self
+                .rows
+                .get(row)
+                .and_then(csv::StringRecord::position)
+                .map_or(0, csv::Position::line),
+            column: self.columns.get(column.0).cloned().unwrap_or_default(),
+            got: text.chars().take(40).collect(),
+            expected: std::any::type_name::<T>(),
+        })
+    }
+
+    /// Numbers of several columns.
+    ///
+    /// # Errors
+    /// A field is none.
+    pub fn numbers<const N: usize>(
+        &self,
+        row: usize,
+        columns: [Column; N],
+    ) -> Result<[f64; N], ImportError> {
+        let mut found = [0.0; N];
+        for (number, column) in found.iter_mut().zip(columns) {
+            *number = self.number(row, column)?;
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str) -> Result<Table, ImportError> {
+        Table::from_bytes(text.as_bytes(), Path::new("a.csv"))
+    }
+
+    #[test]
+    fn columns_are_found_by_name_whatever_their_order() {
+        let table = table("\u{feff}b, a\n1,-2\n3,4e-1\n").unwrap();
+        let [a, b] = table.columns(["a", "b"]).unwrap();
+        assert_eq!(table.numbers(0, [a, b]).unwrap(), [-2.0, 1.0]);
+        assert_eq!(table.numbers(1, [a, b]).unwrap(), [0.4, 3.0]);
+        let message = table.column("c").unwrap_err().to_string();
+        assert_eq!(message, "a.csv has no column c; its columns are b, a");
+    }
+
+    #[test]
+    fn a_row_cut_short_at_the_end_is_left_out_and_one_before_is_refused() {
+        assert_eq!(table("a,b\n1,2\n3").unwrap().len(), 1);
+        let message = table("a,b\n1\n2,3\n").unwrap_err().to_string();
+        assert_eq!(message, "a.csv line 2: 1 fields, the header has 2");
+    }
+
+    #[test]
+    fn a_field_that_is_no_number_is_named_with_its_line() {
+        let table = table("a\n1\nx\n").unwrap();
+        let column = table.column("a").unwrap();
+        let message = table.number::<i64>(1, column).unwrap_err().to_string();
+        assert_eq!(message, "a.csv line 3: a is \"x\", expected i64");
+    }
+}

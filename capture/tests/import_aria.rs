@@ -1,0 +1,264 @@
+//! Measured trajectories of Project Aria (its own sample files) are imported; nothing here is simulated but the wrench that
+//! they are put beside.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    reason = "a test fails by panicking"
+)]
+
+use std::path::{Path, PathBuf};
+
+use ft_capture::config::{Frames, StaticPose};
+use ft_capture::import::aria::{AriaOptions, AriaReport, import_aria};
+use ft_capture::import::mps::{Trajectory, TrajectoryKind};
+use ft_recording::message::{Header, WrenchStamped};
+use ft_recording::qos::Qos;
+use ft_recording::rewrite::Rewrite;
+use ft_recording::{MessageStamps, Recording, TopicMap, check};
+use ft_wire::HostTime;
+
+/// The measured files; a line that says so when they are not there.
+fn measured() -> Option<PathBuf> {
+    let root = std::env::var_os("FT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
+        PathBuf::from,
+    );
+    let folder = root.join("aria_mps");
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!(
+        "skipped: no measured data in {} (set FT_DATA)",
+        folder.display()
+    );
+    None
+}
+
+/// A still wrench of 30 s from `start` on.
+fn wrench_recording(path: &Path, start: HostTime) {
+    let messages = (0..30_000_i64).map(|k| {
+        let at = HostTime::from_nanos(start.as_nanos() + k * 1_000_000);
+        let stamps = MessageStamps {
+            log_time: at,
+            publish_time: at,
+        };
+        let message = WrenchStamped {
+            header: Header::new(at, "ft_sensor"),
+            wrench: [0.0, 0.0, -5.0, 0.0, 0.0, 0.0].into(),
+        };
+        (stamps, message)
+    });
+    let mut rewrite = Rewrite::new();
+    rewrite.add("/ft/wrench", Qos::SENSOR, messages);
+    rewrite.write(None, path, true).unwrap();
+}
+
+fn frames() -> Frames {
+    Frames {
+        aria_device_from_tcp: StaticPose {
+            position_m: [0.0, 0.1, -0.2],
+            ..StaticPose::default()
+        },
+        ..Frames::default()
+    }
+}
+
+/// Imports `mps` beside a wrench that begins at `start`, without alignment.
+fn import(mps: &Path, start: HostTime, starts_at_s: Option<f64>) -> (AriaReport, Recording) {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    wrench_recording(&source, start);
+    let options = AriaOptions {
+        frames: Some(frames()),
+        starts_at_s,
+        align: false,
+        ..AriaOptions::default()
+    };
+    let report = import_aria(&source, mps, &out, &options).unwrap();
+    let checked = check::check(&out).unwrap();
+    assert!(!checked.lost_data(), "{checked}");
+    assert_eq!(checked.topics["/aria/pose"].messages, report.poses);
+    (report, Recording::load(&out, &TopicMap::default()).unwrap())
+}
+
+#[test]
+fn the_closed_loop_staircase_gives_the_map_of_the_open_loop_file() {
+    let Some(folder) = measured() else { return };
+    let closed = Trajectory::open(&folder.join("closed_loop_trajectory.csv"), 0.0).unwrap();
+    let open = Trajectory::open(&folder.join("open_loop_trajectory.csv"), 0.0).unwrap();
+    assert_eq!(
+        (closed.kind, open.kind),
+        (TrajectoryKind::ClosedLoop, TrajectoryKind::OpenLoop)
+    );
+    assert_eq!((closed.poses.len(), open.poses.len()), (11_517, 11_517));
+    let (by_stairs, by_rows) = (closed.utc_map().unwrap(), open.utc_map().unwrap());
+    assert!(by_stairs.used < 120, "{by_stairs:?}");
+    let apart = closed
+        .poses
+        .iter()
+        .map(|pose| (by_stairs.at(pose.device_ns) - by_rows.at(pose.device_ns)).abs())
+        .max()
+        .unwrap();
+    println!(
+        "measured: the two maps are at most {:.4} ms apart",
+        1e-6 * apart as f64
+    );
+    assert!(apart <= 1_000_000, "{apart} ns");
+    // The staircase taken at its word is up to 100 ms off.
+    let naive = closed
+        .poses
+        .iter()
+        .map(|pose| (pose.utc_ns.unwrap() - by_rows.at(pose.device_ns)).abs())
+        .max()
+        .unwrap();
+    assert!(naive > 90_000_000, "{naive} ns");
+}
+
+#[test]
+fn both_trajectories_are_imported_at_their_utc() {
+    let Some(folder) = measured() else { return };
+    let begin = HostTime::from_nanos(1_686_767_222_002_923_694);
+    let start = HostTime::from_nanos(begin.as_nanos() - 2_000_000_000);
+    for (file, quality) in [
+        ("closed_loop_trajectory.csv", 0.5),
+        ("open_loop_trajectory.csv", 0.5),
+    ] {
+        let (report, recording) = import(&folder.join(file), start, None);
+        assert_eq!(report.poses, 11_517, "{file}");
+        assert_eq!(report.counts.least_quality, quality);
+        assert!(
+            (report.begins_s - 2.0).abs() < 1e-3,
+            "{file}: {}",
+            report.begins_s
+        );
+        assert_eq!(recording.pose.samples.len(), 11_517);
+        let first = recording.pose.samples[0].at;
+        assert!(
+            first.as_nanos().abs_diff(begin.as_nanos()) < 1_000_000,
+            "{first}"
+        );
+        assert_eq!(report.sources.len(), 2);
+        assert!(
+            report
+                .sources
+                .iter()
+                .all(|source| source.sha256.len() == 64)
+        );
+    }
+}
+
+#[test]
+fn the_folder_is_imported_with_the_time_offsets_of_its_inertial_sensors() {
+    let Some(folder) = measured() else { return };
+    let start = HostTime::from_nanos(1_686_767_222_002_923_694);
+    let (report, recording) = import(&folder, start, None);
+    assert_eq!(report.kind, TrajectoryKind::ClosedLoop);
+    let [least, most] = report.imu_offsets_ms["imu-left gyroscope"];
+    assert!(0.3 < least && least <= most && most < 4.5, "{least} {most}");
+    // The path between the pads: the device's, and the 0.22 m arm that turns with it.
+    assert_eq!(recording.pose.samples.len(), 11_517);
+    let length = |points: &[[f64; 3]]| -> f64 {
+        let step = |w: &[[f64; 3]]| {
+            (0..3)
+                .map(|k| (w[1][k] - w[0][k]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        points.windows(2).map(step).sum()
+    };
+    let device = Trajectory::open(&folder.join("closed_loop_trajectory.csv"), 0.0).unwrap();
+    let path = length(
+        &device
+            .poses
+            .iter()
+            .map(|p| p.pose.position)
+            .collect::<Vec<_>>(),
+    );
+    assert!((path - 7.67).abs() < 0.02, "measured path {path} m");
+}
+
+#[test]
+fn poses_of_low_quality_are_left_out_when_asked() {
+    let Some(folder) = measured() else { return };
+    let file = folder.join("closed_loop_trajectory.csv");
+    let trajectory = Trajectory::open(&file, 0.9).unwrap();
+    assert_eq!(trajectory.counts.low_quality, 101);
+    assert_eq!(trajectory.poses.len(), 11_517 - 101);
+}
+
+#[test]
+fn an_old_file_without_utc_and_with_y_up_is_imported_when_its_start_is_given() {
+    let Some(folder) = measured() else { return };
+    let file = folder.join("adt_aria_trajectory.csv");
+    let start = HostTime::from_nanos(1_700_000_000_000_000_000);
+    let scratch = tempfile::tempdir().unwrap();
+    let source = scratch.path().join("a.mcap");
+    wrench_recording(&source, start);
+    let out = scratch.path().join("b.mcap");
+    let options = AriaOptions {
+        align: false,
+        ..AriaOptions::default()
+    };
+    let message = import_aria(&source, &file, &out, &options)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("no utc") && message.contains("--starts-at"),
+        "{message}"
+    );
+    assert!(!out.exists());
+
+    let trajectory = Trajectory::open(&file, 0.0).unwrap();
+    assert!((trajectory.counts.turned_deg - 90.0).abs() < 1e-6);
+    let (report, recording) = import(&file, start, Some(1.5));
+    assert_eq!(report.poses as usize, trajectory.poses.len());
+    assert_eq!(report.counts.without_utc, report.counts.rows);
+    assert_eq!(
+        recording.pose.samples[0].at.as_nanos(),
+        start.as_nanos() + 1_500_000_000
+    );
+}
+
+#[test]
+fn the_geographic_columns_do_no_harm() {
+    // 49 rows behind the header.
+    let Some(folder) = measured() else { return };
+    let file = folder.join("closed_loop_trajectory_geo_available.first50.csv");
+    assert_eq!(Trajectory::open(&file, 0.0).unwrap().poses.len(), 49);
+}
+
+#[test]
+fn a_trajectory_of_another_day_is_not_put_beside_the_wrench() {
+    let Some(folder) = measured() else { return };
+    let scratch = tempfile::tempdir().unwrap();
+    let source = scratch.path().join("a.mcap");
+    wrench_recording(&source, HostTime::from_nanos(1_700_000_000_000_000_000));
+    let options = AriaOptions {
+        frames: Some(frames()),
+        ..AriaOptions::default()
+    };
+    let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
+    let message = error.unwrap_err().to_string();
+    assert!(
+        message.contains("do not overlap") && message.contains("--starts-at"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_still_wrench_is_not_aligned_with_moving_glasses() {
+    let Some(folder) = measured() else { return };
+    let scratch = tempfile::tempdir().unwrap();
+    let source = scratch.path().join("a.mcap");
+    wrench_recording(&source, HostTime::from_nanos(1_686_767_222_002_923_694));
+    let options = AriaOptions {
+        frames: Some(frames()),
+        ..AriaOptions::default()
+    };
+    let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
+    let message = error.unwrap_err().to_string();
+    assert!(
+        message.contains("cannot be aligned") && message.contains("--no-align"),
+        "{message}"
+    );
+}
