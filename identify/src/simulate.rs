@@ -4,10 +4,12 @@
 //! inside its step. At rest the joint stays while no effort is needed beyond dry friction ([`Evaluator::rest_band`]), so
 //! sticking is exact and nothing creeps.
 
+mod demand;
 mod page;
 
 use crate::twin::{Evaluator, Outside};
 
+pub use demand::{Demand, Opening, demand};
 pub use page::{page, said};
 
 /// How to let go.
@@ -291,5 +293,40 @@ mod tests {
             ..how(1.0, 0.0)
         };
         assert!(ask(&good, endless).contains("step"));
+    }
+
+    #[test]
+    fn an_opening_needs_what_spring_friction_and_inertia_take() {
+        let opening = Opening {
+            from: 0.0,
+            to: 1.0,
+            duration: 2.0,
+        };
+        let [q, dq, ddq] = opening.at(1.0);
+        assert!((q - 0.5).abs() < 1e-12 && (dq - 0.9375).abs() < 1e-12 && ddq.abs() < 1e-12);
+        let h = 1e-5;
+        let [slope, bend] =
+            [0, 1].map(|i| (opening.at(0.7 + h)[i] - opening.at(0.7 - h)[i]) / (2.0 * h));
+        assert!(
+            (slope - opening.at(0.7)[1]).abs() < 1e-8 && (bend - opening.at(0.7)[2]).abs() < 1e-8
+        );
+        let found = demand(&twin(2.0, 0.4, 0.5, 8.0), &opening);
+        let at = 400;
+        let [q, dq, ddq] = opening.at(found.time[at]);
+        assert!((found.effort[at] - (2.0 * ddq + 0.4 + 0.5 * dq + 8.0 * q)).abs() < 1e-9);
+        // A spring is hardest near its end.
+        assert!(
+            (0.9..=1.0).contains(&found.peak_at) && found.peak > 8.0,
+            "{found:?}"
+        );
+        let first = (0..200_000)
+            .map(|k| opening.at(1e-5 * f64::from(k)))
+            .find(|[q, dq, ddq]| 2.0 * ddq + 0.4 + 0.5 * dq + 8.0 * q > 4.0);
+        assert!(
+            (found.exceeds(4.0).unwrap() - first.unwrap()[0]).abs() < 2e-3,
+            "{first:?}"
+        );
+        assert_eq!(found.exceeds(20.0), None);
+        assert_eq!(found.not_probed, 0.0);
     }
 }

@@ -228,13 +228,26 @@ impl Twin {
     #[must_use]
     pub fn tool_at_zero(&self) -> Option<Point3<f64>> {
         let joint = &self.joint;
-        let axis = ScrewAxis {
-            direction: Unit::new_normalize(Vector3::from(joint.axis_direction?)),
-            point: Point3::from(joint.axis_point?),
-            kind: joint.kind,
-        };
+        let axis = self.axis()?;
         // From the twin's coordinate of the recording's 0 back to its own 0.
         Some(axis.motion(-joint.coordinate.offset) * Point3::from(joint.tool_position?))
+    }
+
+    /// Distance of the tool from the axis of a turning joint, m; nothing for a slide or a table.
+    #[must_use]
+    pub fn radius(&self) -> Option<f64> {
+        let axis = self
+            .axis()
+            .filter(|axis| axis.kind == JointKind::Revolute)?;
+        Some(axis.distance(&Point3::from(self.joint.tool_position?)))
+    }
+
+    fn axis(&self) -> Option<ScrewAxis> {
+        Some(ScrewAxis {
+            direction: Unit::new_normalize(Vector3::from(self.joint.axis_direction?)),
+            point: Point3::from(self.joint.axis_point?),
+            kind: self.joint.kind,
+        })
     }
 
     /// The twin ready for evaluation.

@@ -229,6 +229,22 @@ fn a_twin_is_let_go_exported_and_compared() {
             .contains("give a number with mm or cm or m")
     );
     assert!(said(&["simulate", twin, "--release", "9m"], 1).contains("outside the range"));
+    let opening = said(
+        &[
+            "simulate", twin, "--open", "200mm", "--within", "2", "--limit", "1",
+        ],
+        0,
+    );
+    assert!(
+        opening.contains("to 0.2 m within 2 s takes up to")
+            && opening.contains("1 N are not enough: it stalls at 0.0 m"),
+        "{opening}"
+    );
+    assert!(
+        said(&["simulate", twin, "--open", "200mm", "--limit", "90"], 0)
+            .contains("90 N are enough")
+    );
+    assert_eq!(run(&["simulate", twin]).status.code(), Some(2));
     let assets = directory.path().join("assets");
     let assets = assets.to_str().unwrap();
     let told = said(

@@ -35,6 +35,10 @@ pub(crate) enum UseError {
         kind: JointKind,
         first: JointKind,
     },
+    #[error(
+        "the twin does not say how far its handle is from its axis (it comes from a table): a force at the handle cannot be compared with it; leave --limit out"
+    )]
+    NoLever,
     #[error(transparent)]
     Simulate(#[from] SimulateError),
     #[error(transparent)]

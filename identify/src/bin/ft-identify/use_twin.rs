@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use ft_identify::export::{self, export};
 use ft_identify::output::refuse_existing;
 use ft_identify::screw::JointKind;
-use ft_identify::simulate::{Release, page, release, said};
+use ft_identify::simulate::{Opening, Release, demand, page, release, said};
 use ft_identify::twin::Twin;
 
 use crate::UseError;
@@ -16,19 +16,34 @@ use crate::UseError;
 #[command(after_help = "\
 Examples:
   ft-identify simulate twin/twin.json --release 45deg
-  ft-identify simulate twin/twin.json --release 0.3m --until 0m -o swing")]
+  ft-identify simulate twin/twin.json --release 0.3m --until 0m -o swing
+  ft-identify simulate twin/twin.json --open 70deg --within 6 --limit 60     can a robot that pulls 60 N at the handle open it?")]
 pub(crate) struct Simulate {
     /// twin.json
     twin: PathBuf,
     /// Where it is let go, at rest: 45deg, 0.8rad, 0.3m, 300mm; in the twin's coordinate
-    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
-    release: String,
+    #[arg(
+        long,
+        value_name = "PLACE",
+        allow_hyphen_values = true,
+        required_unless_present = "open"
+    )]
+    release: Option<String>,
     /// Where it has arrived; by default the lower end of the probed range
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
     until: Option<String>,
     /// Longest time to simulate, s
-    #[arg(long, default_value_t = 30.0)]
+    #[arg(long, default_value = "30", value_parser = positive)]
     longest: f64,
+    /// Instead: what it takes to move it from the lower end of the range to here
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true, conflicts_with_all = ["release", "until", "output"])]
+    open: Option<String>,
+    /// Time of the opening, s
+    #[arg(long, value_name = "SECONDS", default_value = "6", value_parser = positive, requires = "open")]
+    within: f64,
+    /// Force that a robot has at the handle, N
+    #[arg(long, value_name = "N", value_parser = positive, requires = "open")]
+    limit: Option<f64>,
     /// Directory for swing.json and swing.html (plots and an animation)
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -92,12 +107,15 @@ impl Simulate {
         }
         let twin = read(&self.twin)?;
         let kind = twin.joint.kind;
+        let Some(release_at) = &self.release else {
+            return self.open(&twin);
+        };
         let until = match &self.until {
             Some(text) => place(text, kind)?,
             None => twin.joint.q_range[0],
         };
         let how = Release {
-            from: place(&self.release, kind)?,
+            from: place(release_at, kind)?,
             until,
             step: 1e-4,
             longest: self.longest,
@@ -110,10 +128,7 @@ impl Simulate {
         if self.json {
             println!("{document:#}");
         } else {
-            let (scale, unit) = match kind {
-                JointKind::Revolute => (1.0_f64.to_degrees(), "deg"),
-                JointKind::Prismatic => (1.0, "m"),
-            };
+            let (scale, unit) = shown(kind);
             println!("{}", said(&swing, scale, unit));
         }
         if let Some(directory) = &self.output {
@@ -124,6 +139,85 @@ impl Simulate {
         }
         Ok(())
     }
+}
+
+impl Simulate {
+    fn open(&self, twin: &Twin) -> Result<(), UseError> {
+        let kind = twin.joint.kind;
+        let opening = Opening {
+            from: twin.joint.q_range[0],
+            to: place(self.open.as_deref().unwrap_or_default(), kind)?,
+            duration: self.within,
+        };
+        let needed = demand(&twin.evaluator(), &opening);
+        let radius = twin.radius();
+        let lever = if kind == JointKind::Revolute {
+            radius
+        } else {
+            Some(1.0)
+        };
+        if self.json {
+            let stalls = lever
+                .zip(self.limit)
+                .map(|(lever, limit)| needed.exceeds(limit * lever));
+            println!(
+                "{:#}",
+                serde_json::json!({"schema": "ft-identify/opening/1", "kind": kind, "handle_radius": radius, "stalls_at": stalls.flatten(), "needed": needed})
+            );
+            return Ok(());
+        }
+        let (scale, unit) = shown(kind);
+        let effort = kind.effort_unit();
+        let at_handle =
+            lever
+                .filter(|_| kind == JointKind::Revolute)
+                .map_or(String::new(), |lever| {
+                    format!(
+                        " ({:.1} N at the handle, {lever:.2} m from the axis)",
+                        needed.peak.abs() / lever
+                    )
+                });
+        println!(
+            "to {:.1} {unit} within {} s takes up to {:.2} {effort} at {:.1} {unit}{at_handle}",
+            scale * opening.to,
+            self.within,
+            needed.peak,
+            scale * needed.peak_at
+        );
+        if needed.not_probed > 0.0 {
+            println!(
+                "{:.0} % of the time at states that were not probed",
+                100.0 * needed.not_probed
+            );
+        }
+        match (self.limit, lever) {
+            (Some(limit), Some(lever)) => match needed.exceeds(limit * lever) {
+                Some(q) => println!(
+                    "{limit} N are not enough: it stalls at {:.1} {unit}",
+                    scale * q
+                ),
+                None => println!("{limit} N are enough"),
+            },
+            (Some(_), None) => return Err(UseError::NoLever),
+            (None, _) => {}
+        }
+        Ok(())
+    }
+}
+
+/// Factor and unit in which a coordinate is shown.
+fn shown(kind: JointKind) -> (f64, &'static str) {
+    match kind {
+        JointKind::Revolute => (1.0_f64.to_degrees(), "deg"),
+        JointKind::Prismatic => (1.0, "m"),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok();
+    number
+        .filter(|value| value.is_finite() && *value > 0.0)
+        .ok_or_else(|| format!("{text:?} is not a number above 0"))
 }
 
 impl Export {
