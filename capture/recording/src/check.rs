@@ -11,7 +11,9 @@ use serde::Serialize;
 
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
-use crate::message::{JointState, Message, PoseStamped, Temperature, WrenchStamped};
+use crate::message::{
+    DiagnosticArray, JointState, Message, PoseStamped, Temperature, WrenchStamped,
+};
 use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
 use crate::recover::loss_before_recovery;
 use crate::{metadata, topic};
@@ -47,6 +49,8 @@ pub struct Report {
     pub duration_s: f64,
     /// By topic.
     pub topics: BTreeMap<String, TopicReport>,
+    /// Device clocks by what `/diagnostics` last said of them.
+    pub clocks: BTreeMap<String, ClockReport>,
     /// Account of every stream at the end (metadata `ft.ledger`), as written; empty when absent.
     pub ledger: BTreeMap<String, String>,
     /// Whether a calibration of the tool is there and right.
@@ -61,6 +65,17 @@ pub struct Report {
     pub verdict: Verdict,
     /// Why, in one line.
     pub reasons: Vec<String>,
+}
+
+/// How a device's clock stood to the host's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ClockReport {
+    /// How much faster the host's clock runs, parts per million, at the end.
+    pub skew_ppm: f64,
+    /// Uncertainty of the translated stamps at the end, one standard deviation, us.
+    pub spread_us: f64,
+    /// The largest uncertainty after the first 10 s of the recording, us; 0 in a shorter one.
+    pub largest_spread_us: f64,
 }
 
 /// Whether a metadata record is there.
@@ -127,6 +142,7 @@ pub fn check(path: &Path) -> Result<Report, ReadError> {
         start_ns: span.map(|(start, _)| start.as_nanos()),
         duration_s: span.map_or(0.0, |(start, end)| end.seconds_since(start)),
         topics,
+        clocks: survey.clocks.clocks,
         ledger: survey.ledger,
         calibration: survey.calibration,
         session: survey.session,
@@ -158,6 +174,7 @@ struct Survey {
     topics: BTreeMap<u16, String>,
     streams: BTreeMap<String, Stream>,
     unknown: UnknownChannels,
+    clocks: Clocks,
     ledger: BTreeMap<String, String>,
     calibration: Presence,
     session: Presence,
@@ -173,6 +190,7 @@ impl Default for Survey {
             topics: BTreeMap::new(),
             streams: BTreeMap::new(),
             unknown: UnknownChannels::default(),
+            clocks: Clocks::default(),
             ledger: BTreeMap::new(),
             calibration: Presence::Absent,
             session: Presence::Absent,
@@ -230,8 +248,47 @@ impl Survey {
     fn add_message(&mut self, message: RawMessage<'_>) {
         let topic = self.topics.get(&message.channel_id);
         match topic.and_then(|topic| self.streams.get_mut(topic)) {
-            Some(stream) => stream.add(message),
+            Some(stream) => {
+                if topic.is_some_and(|topic| topic == topic::DIAGNOSTICS) {
+                    self.clocks.take(&message);
+                }
+                stream.add(message);
+            }
             None => self.unknown.add(message.channel_id),
+        }
+    }
+}
+
+/// What `/diagnostics` says of device clocks.
+#[derive(Default)]
+struct Clocks {
+    clocks: BTreeMap<String, ClockReport>,
+    first_ns: Option<u64>,
+}
+
+/// Until then a clock's skew is not yet known, ns.
+const CLOCKS_SETTLE_NS: u64 = 10_000_000_000;
+
+impl Clocks {
+    fn take(&mut self, message: &RawMessage<'_>) {
+        let Ok(array) = DiagnosticArray::decode(message.data) else {
+            return;
+        };
+        let first_ns = *self.first_ns.get_or_insert(message.log_time);
+        for status in array.status {
+            let value = |key: &str| {
+                let pair = status.values.iter().find(|pair| pair.key == key)?;
+                pair.value.parse::<f64>().ok().filter(|v| v.is_finite())
+            };
+            let Some((skew_ppm, spread_ns)) = value("clock_skew_ppm").zip(value("clock_spread_ns"))
+            else {
+                continue;
+            };
+            let clock = self.clocks.entry(status.name.clone()).or_default();
+            (clock.skew_ppm, clock.spread_us) = (skew_ppm, 1e-3 * spread_ns);
+            if message.log_time.saturating_sub(first_ns) >= CLOCKS_SETTLE_NS {
+                clock.largest_spread_us = clock.largest_spread_us.max(clock.spread_us);
+            }
         }
     }
 }
@@ -356,16 +413,19 @@ impl fmt::Display for Report {
             .max(5);
         writeln!(
             f,
-            "  {:width$} {:>8} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
+            "  {:width$} {:>8} {:>9} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
             "topic",
             "messages",
             "rate Hz",
             "median ms",
             "p99 ms",
+            "jitter ms",
             "gaps",
             "holes",
             "dupl.",
             "late",
+            "same",
+            "cover%",
             "starts s",
             "ends s"
         )?;
@@ -375,15 +435,20 @@ impl fmt::Display for Report {
             };
             writeln!(
                 f,
-                "  {name:width$} {:>8} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
+                "  {name:width$} {:>8} {:>9} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
                 topic.messages,
                 number(topic.rate_hz, 1.0),
                 number(topic.interval_median_s, 1e3),
                 number(topic.interval_p99_s, 1e3),
+                number(topic.jitter_s, 1e3),
                 topic.missing_sequences,
                 topic.holes,
                 topic.duplicates,
                 topic.out_of_order,
+                topic.repeated_values,
+                topic
+                    .coverage
+                    .map_or("-".to_owned(), |part| format!("{:.1}", 100.0 * part)),
                 number(topic.starts_after_s, 1.0),
                 number(topic.ends_before_s, 1.0),
             )?;
@@ -393,6 +458,20 @@ impl fmt::Display for Report {
             "  calibration {}, session {}",
             self.calibration, self.session
         )?;
+        for (name, topic) in self.topics.iter().filter(|(_, topic)| topic.at_extreme > 0) {
+            let count = topic.at_extreme;
+            writeln!(
+                f,
+                "  {name}: {count} samples stay at the end of their range: saturated, or a coarse or still sensor"
+            )?;
+        }
+        for (device, clock) in &self.clocks {
+            writeln!(
+                f,
+                "  clock of {device}: skew {:+.1} ppm, stamps known to {:.1} us (at worst {:.1} us after 10 s)",
+                clock.skew_ppm, clock.spread_us, clock.largest_spread_us
+            )?;
+        }
         for (stream, counts) in &self.ledger {
             writeln!(f, "  ledger of {stream}: {counts}")?;
         }

@@ -131,7 +131,7 @@ fn a_wrong_byte_anywhere_loses_nothing_before_it_and_invents_nothing() {
             .map(|kept| (kept.channel_id, kept.sequence, kept.data.clone()))
             .collect();
         let mut noticed = 0;
-        for _ in 0..500 {
+        for _ in 0..2_500 {
             let place = 8 + numbers.below(bytes.len() as u64 - 8) as usize;
             let mut corrupted = bytes.clone();
             corrupted[place] ^= 1 + numbers.below(255) as u8;

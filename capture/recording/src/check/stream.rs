@@ -6,6 +6,7 @@ use ft_wire::HostTime;
 use serde::Serialize;
 
 use super::header_stamp;
+use crate::message::{Message, WrenchStamped};
 use crate::reader::RawMessage;
 use crate::sequences::Sequences;
 
@@ -36,6 +37,15 @@ pub struct TopicReport {
     pub holes: u64,
     /// The longest time between neighbouring stamps, s.
     pub longest_interval_s: Option<f64>,
+    /// Standard deviation of the times between neighbouring stamps that are no holes, s.
+    pub jitter_s: Option<f64>,
+    /// Part of the time from the first to the last stamp that is in no hole, 0 to 1.
+    pub coverage: Option<f64>,
+    /// Messages with a stamp of their own whose content is that of the message before: a tracker that lost sight, a sensor
+    /// read faster than it measures.
+    pub repeated_values: u64,
+    /// Wrenches of which an axis stays at the end of its range in this recording through five samples or more.
+    pub at_extreme: u64,
     /// Messages that repeat stamp and content of another.
     pub duplicates: u64,
     /// Messages stamped before one that stands earlier in the file.
@@ -59,6 +69,68 @@ pub(super) struct Stream {
     undecodable: u64,
     out_of_order: u64,
     after_arrival: u64,
+    repeated: Repeated,
+    extremes: [Extreme; 12],
+}
+
+/// Messages that repeat the content of the one before.
+#[derive(Debug, Default)]
+struct Repeated {
+    last: Option<(HostTime, u32)>,
+    count: u64,
+}
+
+impl Repeated {
+    /// Takes a message whose content begins with its 8 bytes of stamp.
+    fn add(&mut self, at: HostTime, data: &[u8]) {
+        let content = crc32fast::hash(data.get(12..).unwrap_or_default());
+        self.count += u64::from(
+            self.last
+                .is_some_and(|(before, same)| same == content && before != at),
+        );
+        self.last = Some((at, content));
+    }
+}
+
+/// Samples that stay at the largest value seen.
+#[derive(Clone, Copy, Debug)]
+struct Extreme {
+    value: f64,
+    run: u64,
+    count: u64,
+    /// Whether any smaller value was seen.
+    moved: bool,
+}
+
+/// So many samples in a row at an end of the range are no coincidence.
+const AT_EXTREME: u64 = 5;
+
+impl Extreme {
+    const NEW: Self = Self {
+        value: f64::NEG_INFINITY,
+        run: 0,
+        count: 0,
+        moved: false,
+    };
+
+    fn add(&mut self, value: f64) {
+        if value > self.value {
+            let moved = self.value.is_finite();
+            (self.value, self.run, self.count, self.moved) = (value, 1, 0, moved);
+        } else if value == self.value {
+            self.run += 1;
+            self.count += match self.run {
+                AT_EXTREME => AT_EXTREME,
+                more => u64::from(more > AT_EXTREME),
+            };
+        } else {
+            (self.run, self.moved) = (0, true);
+        }
+    }
+
+    const fn found(&self) -> u64 {
+        if self.moved { self.count } else { 0 }
+    }
 }
 
 /// A hole is longer than this many median intervals.
@@ -75,6 +147,8 @@ impl Stream {
             undecodable: 0,
             out_of_order: 0,
             after_arrival: 0,
+            repeated: Repeated::default(),
+            extremes: [Extreme::NEW; 12],
         }
     }
 
@@ -94,7 +168,11 @@ impl Stream {
             None
         };
         let at = match decoded {
-            Some(Ok(stamp)) => stamp,
+            Some(Ok(stamp)) => {
+                self.repeated.add(stamp, message.data);
+                self.look_for_extremes(message.data);
+                stamp
+            }
             Some(Err(_)) => {
                 self.undecodable += 1;
                 time(message.publish_time)
@@ -105,6 +183,20 @@ impl Stream {
         self.after_arrival += u64::from(at > time(message.log_time));
         self.latest = self.latest.max(Some(at));
         self.messages.push((at, crc32fast::hash(message.data)));
+    }
+
+    fn look_for_extremes(&mut self, data: &[u8]) {
+        if self.kind != WrenchStamped::TYPE_NAME {
+            return;
+        }
+        let Ok(message) = WrenchStamped::decode(data) else {
+            return;
+        };
+        let wrench: [f64; 6] = message.wrench.into();
+        let both = wrench.iter().flat_map(|value| [*value, -value]);
+        for (extreme, value) in self.extremes.iter_mut().zip(both) {
+            extreme.add(value);
+        }
     }
 
     /// First and last stamp.
@@ -130,6 +222,9 @@ impl Stream {
                 .filter(|interval| **interval > hole)
                 .count() as u64
         });
+        let is_whole = |interval: &&f64| hole.is_none_or(|hole| **interval <= hole);
+        let whole_intervals: Vec<f64> = intervals.iter().filter(is_whole).copied().collect();
+        let in_no_hole: f64 = whole_intervals.iter().sum();
         let covered = span
             .map(|(first, last)| last.seconds_since(first))
             .filter(|covered| *covered > 0.0);
@@ -143,6 +238,10 @@ impl Stream {
             rate_hz: covered.map(|covered| (self.messages.len() - 1) as f64 / covered),
             interval_median_s: median,
             interval_p99_s: percentile(&intervals, 99),
+            jitter_s: standard_deviation(&whole_intervals),
+            coverage: covered.map(|covered| in_no_hole / covered),
+            repeated_values: self.repeated.count,
+            at_extreme: self.extremes.iter().map(Extreme::found).sum(),
             missing_sequences: self.sequences.values().map(Sequences::missing).sum(),
             holes,
             longest_interval_s: intervals.last().copied(),
@@ -157,6 +256,17 @@ impl Stream {
                 .map(|(span, whole)| whole.1.seconds_since(span.1)),
         }
     }
+}
+
+fn standard_deviation(values: &[f64]) -> Option<f64> {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let power = values
+        .iter()
+        .map(|value| (value - mean).powi(2))
+        .sum::<f64>()
+        / n;
+    (!values.is_empty()).then(|| power.sqrt())
 }
 
 /// The value below which `percent` of the sorted values lie; `None` when there are none.
