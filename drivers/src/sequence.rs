@@ -9,6 +9,10 @@ const REMEMBERED: usize = 16;
 /// A device clock that jumps by more than this against the host's was restarted, ns.
 const RESTART_NS: i64 = 1_000_000_000;
 
+/// So many in a row that are older than the newest, each later than the one before, are no late samples: the device's clock
+/// was set back.
+const SET_BACK_SAMPLES: u32 = 8;
+
 /// How a sample's stamp stands to the ones before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Seen {
@@ -42,6 +46,8 @@ pub(crate) struct Sequence {
     intervals_len: usize,
     period_ns: Option<f64>,
     gaps: u64,
+    /// Newest and number of a growing run of older samples, and the gaps before it.
+    older_run: Option<(i64, u32, u64)>,
 }
 
 impl Sequence {
@@ -56,6 +62,7 @@ impl Sequence {
             intervals_len: 0,
             period_ns: None,
             gaps: 0,
+            older_run: None,
         }
     }
 
@@ -89,11 +96,32 @@ impl Sequence {
         }
         self.earliest_offset = self.earliest_offset.min(offset);
         if step <= 0 {
+            if self.was_set_back(device_ns, step) {
+                self.forget();
+                self.earliest_offset = offset;
+                self.accept(device_ns);
+                return Seen::Restarted { was_ns: last };
+            }
             return self.older(device_ns);
         }
+        self.older_run = None;
         self.count_gaps(step);
         self.accept(device_ns);
         Seen::New
+    }
+
+    /// Follows a run of older samples; the gaps that they seemed to fill come back when it was none.
+    fn was_set_back(&mut self, device_ns: i64, step: i64) -> bool {
+        let (samples, gaps) = match self.older_run {
+            Some((last, samples, gaps)) if step < 0 && device_ns > last => (samples + 1, gaps),
+            _ => (1, self.gaps),
+        };
+        self.older_run = (step < 0).then_some((device_ns, samples, gaps));
+        let set_back = step < 0 && samples >= SET_BACK_SAMPLES;
+        if set_back {
+            self.gaps = gaps;
+        }
+        set_back
     }
 
     fn older(&mut self, device_ns: i64) -> Seen {
@@ -206,6 +234,19 @@ mod tests {
             sequence.observe(11 * MS, HostTime::from_nanos(5_201 * MS)),
             Seen::New
         );
+        assert_eq!(sequence.gaps(), 0);
+    }
+
+    #[test]
+    fn a_clock_set_back_by_less_than_a_second_is_a_restart_and_no_gap() {
+        let mut sequence = Sequence::new();
+        feed(&mut sequence, 5_000..5_100);
+        let mut seen = Vec::new();
+        for (arrival, device) in (5_100..).zip(4_800..4_820) {
+            seen.push(sequence.observe(device * MS, HostTime::from_nanos((arrival + 1) * MS)));
+        }
+        assert_eq!(seen[7], Seen::Restarted { was_ns: 5_099 * MS });
+        assert!(seen[8..].iter().all(|seen| *seen == Seen::New), "{seen:?}");
         assert_eq!(sequence.gaps(), 0);
     }
 

@@ -32,6 +32,12 @@ const TRUSTED_AFTER_S: f64 = 5.0;
 const PRIOR_OBSERVATIONS: f64 = 10.0;
 /// Observations over which the mean residual is taken.
 const RESIDUAL_MEMORY: f64 = 1_000.0;
+/// A clock was set back when every sample comes later than the envelope by this and by so many mean residuals ...
+const SET_BACK_NS: f64 = 2e6;
+const SET_BACK_RESIDUALS: f64 = 4.0;
+/// ... through so many samples (and [`OneWayConfig::set_back_after`]), or when so many in a row, each later than the one
+/// before, are older than the newest.
+const SET_BACK_SAMPLES: u32 = 8;
 
 /// How to translate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +50,9 @@ pub struct OneWayConfig {
     pub link_delay: Duration,
     /// A disagreement of device clock and prediction beyond this is a restart of the device. Default 1 s.
     pub restart_threshold: Duration,
+    /// A clock that was set back by less shows when all samples come late for so long: then the translator begins anew. Until
+    /// then stamps are too early by as much as the clock was set back. Default 500 ms.
+    pub set_back_after: Duration,
     /// Jitter to expect before any is seen; it only sets the first spreads. Default 1 ms.
     pub expected_jitter: Duration,
 }
@@ -55,6 +64,7 @@ impl Default for OneWayConfig {
             max_skew_ppm: 500.0,
             link_delay: Duration::ZERO,
             restart_threshold: Duration::from_secs(1),
+            set_back_after: Duration::from_millis(500),
             expected_jitter: Duration::from_millis(1),
         }
     }
@@ -93,8 +103,24 @@ pub struct OneWay {
     mean_residual_ns: f64,
     line: Option<Line>,
     newest: Option<Newest>,
-    /// First arrival of an unbroken run of samples that lie far behind the prediction.
-    behind_since: Option<HostTime>,
+    /// An unbroken run of samples that lie behind the prediction.
+    behind: Option<Behind>,
+    /// An unbroken, growing run of samples that are older than the newest.
+    older: Option<Older>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Behind {
+    since: HostTime,
+    /// What counted as behind when the run began; the run itself is not to move it.
+    limit_ns: f64,
+    samples: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Older {
+    device_ns: i64,
+    samples: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -115,7 +141,8 @@ impl OneWay {
             mean_residual_ns: 0.0,
             line: None,
             newest: None,
-            behind_since: None,
+            behind: None,
+            older: None,
         }
     }
 
@@ -124,14 +151,16 @@ impl OneWay {
         self.active.clear();
         self.successor.clear();
         (self.observations, self.mean_residual_ns) = (0, 0.0);
-        (self.line, self.newest, self.behind_since) = (None, None, None);
+        (self.line, self.newest) = (None, None);
+        (self.behind, self.older) = (None, None);
     }
 
     /// Takes a sample's instant on the unwrapped device clock, ns, and its arrival, and translates it.
     ///
     /// For growing `device_ns` and arrivals that do not go back, the answers do not go back. A late sample (smaller
     /// `device_ns`) is translated without being learned from; the newest stamp again gets the same answer again.
-    /// A device clock that jumps against the prediction by more than the threshold resets the translator.
+    /// A device clock that jumps against the prediction by more than the threshold resets the translator, and so does one
+    /// that was set back by less, as soon as that shows.
     pub fn observe(&mut self, device_ns: i64, arrival: HostTime) -> Translated {
         if self.restarted(device_ns, arrival) {
             self.reset();
@@ -204,13 +233,42 @@ impl OneWay {
         if behind < -threshold {
             return true;
         }
-        if behind <= threshold {
-            self.behind_since = None;
+        self.was_set_back(device_ns, behind, arrival, newest)
+    }
+
+    /// A stalled link catches up in no time and a frame that was overtaken is one; a clock that was set back, or stood still,
+    /// stays behind.
+    fn was_set_back(
+        &mut self,
+        device_ns: i64,
+        behind: i64,
+        arrival: HostTime,
+        newest: Newest,
+    ) -> bool {
+        let older = (device_ns < newest.device_ns).then(|| {
+            let before = self.older.filter(|older| older.device_ns < device_ns);
+            Older {
+                device_ns,
+                samples: before.map_or(0, |older| older.samples) + 1,
+            }
+        });
+        self.older = older;
+        if older.is_some_and(|older| older.samples >= SET_BACK_SAMPLES) {
+            return true;
+        }
+        let mut run = self.behind.unwrap_or(Behind {
+            since: arrival,
+            limit_ns: SET_BACK_NS.max(SET_BACK_RESIDUALS * self.mean_residual_ns),
+            samples: 0,
+        });
+        if behind as f64 <= run.limit_ns {
+            self.behind = None;
             return false;
         }
-        // A stalled link catches up in no time; a clock that stood still stays behind.
-        let since = *self.behind_since.get_or_insert(arrival);
-        arrival.saturating_since(since) > self.config.restart_threshold
+        run.samples = run.samples.saturating_add(1);
+        self.behind = Some(run);
+        run.samples > SET_BACK_SAMPLES
+            && arrival.saturating_since(run.since) > self.config.set_back_after
     }
 
     fn learn(&mut self, device_ns: i64, arrival: HostTime) {

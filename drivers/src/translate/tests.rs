@@ -229,6 +229,48 @@ fn a_stalled_link_is_no_restart_but_a_clock_that_stood_still_is() {
 }
 
 #[test]
+fn a_clock_set_back_by_less_than_a_second_is_followed_within_half_a_second() {
+    // A clock that goes on behind where it was: 8 samples until it shows. One that stood still: 500 ms.
+    for (set_back, stood_still, samples) in [
+        (300 * MS, 0, 8),
+        (950 * MS, 0, 8),
+        (0, 300 * MS, 502),
+        (0, 10 * MS, 502),
+    ] {
+        let mut random = ChaCha8Rng::seed_from_u64(17);
+        let mut translator = OneWay::new(OneWayConfig::default());
+        let mut wrong = 0;
+        for sample in 0..30_000_i64 {
+            let true_ns = BOOT + sample * MS;
+            let changed = sample >= 10_000;
+            let device_ns = sample * MS - if changed { set_back + stood_still } else { 0 };
+            // What stood still says nothing meanwhile.
+            if changed && sample * MS < 10_000 * MS + stood_still {
+                continue;
+            }
+            let arrival = true_ns + exponential(&mut random, 100e3);
+            let error = translator.observe(device_ns, host(arrival)).at.as_nanos() - true_ns;
+            wrong += i64::from(sample > 1_000 && error.abs() > MS);
+        }
+        assert!(wrong <= samples, "{set_back} {stood_still}: {wrong}");
+    }
+}
+
+#[test]
+fn a_link_that_is_slow_for_a_while_is_no_restart() {
+    let mut translator = OneWay::new(OneWayConfig::default());
+    for sample in 0..10_000 {
+        // 200 ms of every second come 30 ms late.
+        let late = if sample % 1_000 < 200 { 30 * MS } else { 0 };
+        translator.observe(sample * MS, host(BOOT + sample * MS + late));
+    }
+    assert_eq!(
+        translator.status().map(|status| status.observations),
+        Some(10_000)
+    );
+}
+
+#[test]
 fn a_skew_that_changes_is_followed_within_two_windows() {
     let config = OneWayConfig {
         window: Duration::from_secs(10),

@@ -1,0 +1,213 @@
+//! Translated stamps against the true sample times, over an accelerated hour of each kind of link, with a reset of the device
+//! in its middle and a counter that wraps; beside them the arrival and a linear regression. All of it simulated.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use ft_drivers::translate::{OneWay, OneWayConfig};
+use ft_wire::HostTime;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+const US: i64 = 1_000;
+const MS: i64 = 1_000 * US;
+const SECOND: i64 = 1_000 * MS;
+const BOOT: i64 = 1_700_000_000 * SECOND;
+const HOUR_S: i64 = 3_600;
+/// The device loses power then, for half a second.
+const RESET_S: i64 = 1_800;
+/// What follows the start and the reset is left out for so long.
+const SETTLE_S: i64 = 10;
+
+/// How frames come.
+#[derive(Clone, Copy, Debug)]
+enum Bus {
+    /// Interrupt at the end of the frame: exponential tail of 100 us.
+    Can,
+    /// A USB port polled every 1 ms of the host's time, exponential tail of 150 us, and up to three polls missed.
+    Serial,
+    /// An FTDI adapter at its latency timer of 16 ms, which counts the host's USB frames; exponential tail of 100 us. (Bursts in
+    /// step with the sensor's own clock would hide up to one sample period, which no one-way method can see.)
+    Ftdi,
+}
+
+fn exponential(random: &mut ChaCha8Rng, mean_ns: f64) -> i64 {
+    let uniform: f64 = random.random_range(f64::EPSILON..1.0);
+    (-uniform.ln() * mean_ns) as i64
+}
+
+impl Bus {
+    fn arrival(self, true_ns: i64, random: &mut ChaCha8Rng) -> i64 {
+        let busy = if random.random_range(0..2_000) == 0 {
+            exponential(random, 3e6)
+        } else {
+            0
+        };
+        busy + match self {
+            Self::Can => true_ns + exponential(random, 100e3),
+            Self::Serial => {
+                let poll = (true_ns + MS - 1).div_euclid(MS) * MS;
+                poll + random.random_range(0..4) * MS + exponential(random, 150e3)
+            }
+            Self::Ftdi => {
+                let burst = (true_ns + 16 * MS - 1).div_euclid(16 * MS) * 16 * MS;
+                burst + exponential(random, 100e3)
+            }
+        }
+    }
+}
+
+/// Errors against the truth, us: absolute 99th percentiles.
+struct Quality {
+    arrival: f64,
+    regression: f64,
+    envelope: f64,
+    later_than_arrival: u64,
+}
+
+/// A causal line through the last minute of arrivals, as simple recorders do it.
+#[derive(Default)]
+struct Regression {
+    points: std::collections::VecDeque<(f64, f64)>,
+    sums: [f64; 4],
+}
+
+impl Regression {
+    fn observe(&mut self, x: f64, y: f64) -> f64 {
+        self.points.push_back((x, y));
+        self.add(x, y, 1.0);
+        while self
+            .points
+            .front()
+            .is_some_and(|(first, _)| x - first > 60.0)
+        {
+            let (x, y) = self.points.pop_front().unwrap();
+            self.add(x, y, -1.0);
+        }
+        let n = self.points.len() as f64;
+        let [sx, sy, sxx, sxy] = self.sums;
+        let spread = sxx - sx * sx / n;
+        let slope = if spread > 1e-3 {
+            (sxy - sx * sy / n) / spread
+        } else {
+            0.0
+        };
+        sy / n + slope * (x - sx / n)
+    }
+
+    fn add(&mut self, x: f64, y: f64, sign: f64) {
+        for (sum, value) in self.sums.iter_mut().zip([x, y, x * x, x * y]) {
+            *sum += sign * value;
+        }
+    }
+}
+
+/// A 32-bit counter made one that only grows.
+#[derive(Default)]
+struct Counter {
+    last: Option<u32>,
+    high: i64,
+}
+
+impl Counter {
+    fn unwrapped(&mut self, count: u32) -> i64 {
+        if self.last.is_some_and(|last| count < last) {
+            self.high += 1 << 32;
+        }
+        self.last = Some(count);
+        self.high + i64::from(count)
+    }
+}
+
+fn p99(mut errors: Vec<f64>) -> f64 {
+    let place = errors.len() * 99 / 100;
+    *errors.select_nth_unstable_by(place, f64::total_cmp).1
+}
+
+fn run(bus: Bus, ppm: f64, seed: u64) -> Quality {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut translator = OneWay::new(OneWayConfig::default());
+    let mut regression = Regression::default();
+    let mut errors: [Vec<f64>; 3] = Default::default();
+    let (mut later, mut last) = (0, BOOT);
+    // A 32-bit counter of microseconds that wraps after 12 min, and begins anew at the reset.
+    let mut counter = Counter::default();
+    let (mut device_us, mut since_reset) = (u32::MAX - 720_000_000, 0_i64);
+    let mut settled_from = SETTLE_S * SECOND;
+    let mut was_reset = false;
+    for sample in 0..HOUR_S * 1_000 {
+        // The crystal, and a warm-up that bends it.
+        let warm = 1.2e6 * (sample as f64 / 600e3).sin();
+        let true_since = sample * MS + (1e-6 * ppm * (sample * MS) as f64 + warm) as i64;
+        if (RESET_S * SECOND..RESET_S * SECOND + SECOND / 2).contains(&true_since) {
+            continue;
+        }
+        if true_since >= RESET_S * SECOND && !was_reset {
+            was_reset = true;
+            (device_us, since_reset) = (0, sample);
+            counter = Counter::default();
+            regression = Regression::default();
+            settled_from = true_since + SETTLE_S * SECOND;
+        }
+        let true_ns = BOOT + true_since;
+        let ticks = u32::try_from((sample - since_reset) * 1_000).unwrap();
+        let device_ns = counter.unwrapped(device_us.wrapping_add(ticks)) * US;
+        let arrival = bus.arrival(true_ns, &mut random).max(last);
+        last = arrival;
+        let at = translator
+            .observe(device_ns, HostTime::from_nanos(arrival))
+            .at;
+        later += u64::from(at > HostTime::from_nanos(arrival));
+        let offset = (arrival - device_ns) as f64;
+        let x = device_ns as f64 * 1e-9;
+        let line = regression.observe(x, offset - (BOOT as f64));
+        if true_since >= settled_from {
+            let by_line = line + BOOT as f64 + device_ns as f64;
+            let us = |ns: f64| (ns - true_ns as f64).abs() * 1e-3;
+            errors[0].push(us(arrival as f64));
+            errors[1].push(us(by_line));
+            errors[2].push((at.as_nanos() - true_ns).abs() as f64 * 1e-3);
+        }
+    }
+    assert!(was_reset);
+    let [arrival, regression, envelope] = errors.map(p99);
+    Quality {
+        arrival,
+        regression,
+        envelope,
+        later_than_arrival: later,
+    }
+}
+
+#[test]
+fn an_hour_of_each_link_is_translated_to_the_tables_bounds() {
+    println!(
+        "simulated, 1 h at 1 kHz, reset at 30 min, 99th percentile of |error| in us from 10 s on"
+    );
+    println!("link     skew ppm   arrival  regression  envelope");
+    for (bus, bound_us, seed) in [
+        (Bus::Can, 50.0, 41),
+        (Bus::Serial, 300.0, 42),
+        (Bus::Ftdi, 1_000.0, 43),
+    ] {
+        for ppm in [-200.0, 200.0] {
+            let quality = run(bus, ppm, seed);
+            println!(
+                "{:<8} {ppm:>8} {:>9.1} {:>11.1} {:>9.1}",
+                format!("{bus:?}"),
+                quality.arrival,
+                quality.regression,
+                quality.envelope
+            );
+            assert_eq!(quality.later_than_arrival, 0);
+            assert!(
+                quality.envelope <= bound_us,
+                "{bus:?}: {} us",
+                quality.envelope
+            );
+            assert!(
+                10.0 * quality.envelope <= quality.arrival,
+                "{bus:?}: {} us",
+                quality.envelope
+            );
+        }
+    }
+}
