@@ -116,6 +116,79 @@ fn a_full_disk_ends_with_a_reason_and_keeps_what_was_written() {
         .as_u64()
         .unwrap();
     assert!(wrenches > 1000, "{recovered}");
+
+    // The copy does not fit either: the leftover stays as it is, and is what the message names.
+    let before = std::fs::read(folder.path().join("a.mcap.partial")).unwrap();
+    let script = "trap '' XFSZ; ulimit -f 300; exec \"$0\" recover a.mcap.partial -o b.mcap";
+    let output = std::process::Command::new("bash")
+        .args(["-c", script])
+        .arg(programs::folder().join("ft-capture"))
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let finished = programs::Finished::new("ft-capture", &output).expect_code(1);
+    finished.complains(&["no space left for b.mcap", "a.mcap.partial is unchanged"]);
+    assert!(
+        !finished.stderr.contains("recovering"),
+        "{}",
+        finished.stderr
+    );
+    let names: Vec<_> = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    assert!(
+        !names
+            .iter()
+            .any(|name| name.to_string_lossy().starts_with("b.mcap")),
+        "{names:?}"
+    );
+    assert_eq!(
+        std::fs::read(folder.path().join("a.mcap.partial")).unwrap(),
+        before
+    );
+}
+
+#[test]
+fn a_second_process_cannot_write_the_same_recording() {
+    let folder = tempdir().unwrap();
+    let first = programs::command(
+        "ft-capture",
+        &["--sim", "-o", "a.mcap", "--duration", "20s"],
+        folder.path(),
+    )
+    .stdout(std::process::Stdio::null())
+    .stderr(std::process::Stdio::null())
+    .spawn();
+    let mut first = first.unwrap();
+    let partial = folder.path().join("a.mcap.partial");
+    for _ in 0..500 {
+        if partial.metadata().is_ok_and(|metadata| metadata.len() > 0) {
+            break;
+        }
+        wait(std::time::Duration::from_millis(20));
+    }
+    let second = capture(
+        folder.path(),
+        &[
+            "--sim",
+            "--speed",
+            "max",
+            "--duration",
+            "5s",
+            "-o",
+            "a.mcap",
+            "--force",
+        ],
+    );
+    // A reader does not disturb the writer, and sees a recording that is not finished.
+    let check = capture(folder.path(), &["check", "a.mcap.partial"]);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    second
+        .expect_code(1)
+        .complains(&["is being written by another process"]);
+    assert!(matches!(check.code, Some(3)), "{}", check.stdout);
 }
 
 #[test]
