@@ -43,7 +43,7 @@ pub struct Device {
     pub name: String,
     /// Which driver takes it.
     pub driver: Driver,
-    /// Serial port (`/dev/ttyUSB0`, better `/dev/serial/by-id/...`) or CAN interface (`can0`).
+    /// Serial port (`/dev/ttyUSB0`, better `/dev/serial/by-id/...`) CAN interface (`can0`) or HID device (`/dev/hidraw0`).
     pub port: String,
     /// Time from the sample to the arrival of its last byte that is the same for every sample, us.
     #[serde(default)]
@@ -79,6 +79,8 @@ pub enum Driver {
     Amt21,
     /// A microcontroller that prints the gripper's encoder in our own line format.
     EncoderLine,
+    /// An axis of a USB HID device (joystick, dial, slider) as the gripper's encoder.
+    HidAxis,
     /// A tracker that streams poses in our own format.
     PoseStream,
 }
@@ -96,9 +98,17 @@ impl Driver {
             | Self::KunweiKwr75
             | Self::Leptrino
             | Self::AtiNetcanoem => "/ft/wrench",
-            Self::Dynamixel | Self::Amt21 | Self::EncoderLine => "/gripper/joint_states",
+            Self::Dynamixel | Self::Amt21 | Self::EncoderLine | Self::HidAxis => {
+                "/gripper/joint_states"
+            }
             Self::PoseStream => "/aria/pose",
         }
+    }
+
+    /// Whether the device itself says at set-up what its numbers mean, so that a replay needs those frames too.
+    #[must_use]
+    pub const fn learns_scale(self) -> bool {
+        matches!(self, Self::Leptrino | Self::AtiNetcanoem | Self::HidAxis)
     }
 
     /// As in the configuration.
@@ -116,6 +126,7 @@ impl Driver {
             Self::Dynamixel => "dynamixel",
             Self::Amt21 => "amt21",
             Self::EncoderLine => "encoder_line",
+            Self::HidAxis => "hid_axis",
             Self::PoseStream => "pose_stream",
         }
     }
@@ -135,6 +146,7 @@ impl Driver {
             Self::Dynamixel,
             Self::Amt21,
             Self::EncoderLine,
+            Self::HidAxis,
             Self::PoseStream,
         ]
         .into_iter()

@@ -15,6 +15,7 @@ pub mod config;
 pub mod encode;
 pub mod health;
 pub mod import;
+pub mod init;
 pub mod item;
 pub mod ledger;
 pub mod merge;

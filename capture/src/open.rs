@@ -5,6 +5,9 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use ft_drivers::device::Counted;
+use ft_drivers::discover::RememberedPort;
+use ft_drivers::hid_axis::HidFrame;
+use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::link::serial::SerialLink;
 use ft_drivers::link::socketcan::SocketCanLink;
@@ -92,9 +95,10 @@ impl DriverUser for Spawn<'_> {
     where
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
     {
-        let (port, clock) = (self.device.port.clone(), self.clock);
+        let mut port = RememberedPort::new(Path::new(&self.device.port));
+        let clock = self.clock;
         Self::start(self.device, self.thread, make, move || {
-            SerialLink::open(Path::new(&port), baud_bps, clock)
+            SerialLink::open(&port.path(), baud_bps, clock)
         })
     }
 
@@ -116,6 +120,16 @@ impl DriverUser for Spawn<'_> {
                 })
             }
         }
+    }
+
+    fn hid<D>(self, make: impl Fn() -> D + Send + 'static) -> Self::Output
+    where
+        D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static,
+    {
+        let (port, clock) = (self.device.port.clone(), self.clock);
+        Self::start(self.device, self.thread, make, move || {
+            HidrawLink::open(Path::new(&port), clock)
+        })
     }
 }
 
@@ -161,7 +175,7 @@ where
 
 /// Joins drivers with links that never wait.
 #[allow(missing_debug_implementations, reason = "holds closures")]
-pub struct StepBuilder<'a, I, S, C> {
+pub struct StepBuilder<'a, I, S, C, H> {
     /// The device.
     pub device: &'a Device,
     /// Where its readings go.
@@ -172,15 +186,19 @@ pub struct StepBuilder<'a, I, S, C> {
     pub serial: S,
     /// Makes its link, should it be on CAN.
     pub can: C,
+    /// Makes its link, should it be a HID device.
+    pub hid: H,
 }
 
-impl<I, S, C, LS, LC> StepBuilder<'_, I, S, C>
+impl<I, S, C, H, LS, LC, LH> StepBuilder<'_, I, S, C, H>
 where
     I: Intake + 'static,
     S: FnOnce() -> Option<LS>,
     C: FnOnce() -> Option<LC>,
+    H: FnOnce() -> Option<LH>,
     LS: Link<Frame = Chunk> + 'static,
     LC: Link<Frame = CanFrame> + 'static,
+    LH: Link<Frame = HidFrame> + 'static,
 {
     /// The device, ready to be turned.
     ///
@@ -214,13 +232,15 @@ where
     }
 }
 
-impl<I, S, C, LS, LC> DriverUser for StepBuilder<'_, I, S, C>
+impl<I, S, C, H, LS, LC, LH> DriverUser for StepBuilder<'_, I, S, C, H>
 where
     I: Intake + 'static,
     S: FnOnce() -> Option<LS>,
     C: FnOnce() -> Option<LC>,
+    H: FnOnce() -> Option<LH>,
     LS: Link<Frame = Chunk> + 'static,
     LC: Link<Frame = CanFrame> + 'static,
+    LH: Link<Frame = HidFrame> + 'static,
 {
     type Output = Result<Box<dyn SteppedLink>, SessionError>;
 
@@ -247,6 +267,19 @@ where
             self.counters,
             make(),
             (self.can)(),
+        )
+    }
+
+    fn hid<D>(self, make: impl Fn() -> D + Send + 'static) -> Self::Output
+    where
+        D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static,
+    {
+        Self::join(
+            self.device,
+            self.channel,
+            self.counters,
+            make(),
+            (self.hid)(),
         )
     }
 }

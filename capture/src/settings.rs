@@ -5,12 +5,14 @@ mod optoforce;
 mod sensors;
 
 use ft_drivers::device::Counted;
+use ft_drivers::hid_axis::HidFrame;
 use ft_drivers::options::{Sign, Startup};
 use ft_drivers::reading::Reading;
 use ft_drivers::robotous::{self, Filter, Scale};
 use ft_drivers::{
-    Device as Protocol, amt21, ati_netcanoem, bota_serial, dynamixel, encoder_line, kunwei_kwr75,
-    leptrino, optoforce_can, optoforce_serial, pose_stream, robotous_can, robotous_uart,
+    Device as Protocol, amt21, ati_netcanoem, bota_serial, dynamixel, encoder_line, hid_axis,
+    kunwei_kwr75, leptrino, optoforce_can, optoforce_serial, pose_stream, robotous_can,
+    robotous_uart,
 };
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::{CanIds, FilterSetting};
@@ -35,6 +37,11 @@ pub trait DriverUser {
     fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static;
+
+    /// For drivers of HID devices.
+    fn hid<D>(self, make: impl Fn() -> D + Send + 'static) -> Self::Output
+    where
+        D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static;
 }
 
 /// Hands the driver that `device` names to `user`.
@@ -146,6 +153,11 @@ pub fn with_driver<U: DriverUser>(
             let config = settings.config().map_err(|what| wrong(device, what))?;
             let make = move || encoder_line::EncoderLine::new(config);
             Ok(user.serial(make, settings.baud_bps))
+        }
+        Driver::HidAxis => {
+            let settings: encoders::HidAxis = read(device)?;
+            let config = settings.config().map_err(|what| wrong(device, what))?;
+            Ok(user.hid(move || hid_axis::HidAxis::new(config)))
         }
         Driver::PoseStream => {
             let settings: PoseSettings = read(device)?;

@@ -5,6 +5,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use ft_drivers::RxStamps;
+use ft_drivers::hid_axis::HidFrame;
+use ft_drivers::link::replay::ReplayLink;
 use ft_drivers::options::Startup;
 use ft_recording::calibration::{Calibration, Estimate};
 use ft_sim_hw::{Bus, Fitted, KnownSetup, SettingValue, Simulation};
@@ -82,6 +85,7 @@ fn transmission_us(device: &Fitted, driver: Driver) -> f64 {
         Driver::Amt21 => serial(2.0),
         // A line of usual length; it varies with its numbers.
         Driver::EncoderLine => serial(23.0),
+        Driver::HidAxis => 0.0,
         Driver::PoseStream => serial(74.0),
         // 47 bits and 8 for each byte of every frame with an 11-bit id, without stuffing.
         Driver::RobotousCan => can(2.0, 16.0),
@@ -147,10 +151,16 @@ fn open_links(
             counters: Arc::clone(counters),
             serial: || simulation.serial_link(&device.name),
             can: || simulation.can_link(&device.name),
+            hid: no_hid,
         };
         links.push(builder.build(Startup::Configure)?);
     }
     Ok(links)
+}
+
+/// HID devices are not simulated.
+fn no_hid() -> Option<ReplayLink<std::iter::Empty<(HidFrame, RxStamps)>>> {
+    None
 }
 
 /// What the driver must be told, and the line's rate.

@@ -111,7 +111,7 @@ impl BotaSerial {
     #[must_use]
     pub fn new(config: Config) -> Self {
         Self {
-            config,
+            config: config.patient(),
             state: State::Idle,
             framer: Framer::new(),
             text: BootText::new(),

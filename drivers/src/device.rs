@@ -7,7 +7,7 @@ use crate::reading::Counts;
 
 /// A device's protocol without I/O: frames and instants go in, frames and readings come out.
 pub trait Device {
-    /// What the link carries: [`ft_wire::Chunk`] or [`ft_wire::CanFrame`].
+    /// What the link carries: [`ft_wire::Chunk`], [`ft_wire::CanFrame`] or [`crate::hid_axis::HidFrame`].
     type Frame;
     /// What comes out.
     type Reading;

@@ -1,8 +1,14 @@
-//! What is plugged in: serial ports with their USB identity, and CAN interfaces. Reads sysfs only, no udev library.
+//! What is plugged in: serial ports with their USB identity, CAN interfaces, HID devices. Reads sysfs only, no udev library.
+
+mod hid;
+mod remembered;
 
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
+
+pub use hid::{FoundHid, hid_devices};
+pub use remembered::RememberedPort;
 
 /// How a supported device hangs on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +32,8 @@ pub struct UsbIdentity {
     pub driver: &'static str,
     /// How it hangs on the host.
     pub attachment: Attachment,
+    /// Drivers here that may take what hangs behind, by the names of the configuration.
+    pub takers: &'static [&'static str],
     /// Latency timer: 16 ms by default, must be set to 1 ms.
     pub latency_timer: LatencyTimer,
 }
@@ -39,6 +47,19 @@ pub enum LatencyTimer {
     None,
 }
 
+/// What hangs behind converters that everybody uses.
+const ANY_SERIAL: &[&str] = &[
+    "bota_serial",
+    "robotous_uart",
+    "kunwei_kwr75",
+    "dynamixel",
+    "amt21",
+    "encoder_line",
+    "pose_stream",
+];
+/// What hangs on CAN.
+const ANY_CAN: &[&str] = &["robotous_can", "optoforce_can", "ati_netcanoem"];
+
 const fn ftdi(product: u16, name: &'static str) -> UsbIdentity {
     let (attachment, latency_timer) = (Attachment::Serial, LatencyTimer::Settable);
     UsbIdentity {
@@ -47,6 +68,7 @@ const fn ftdi(product: u16, name: &'static str) -> UsbIdentity {
         name,
         driver: "ftdi_sio",
         attachment,
+        takers: ANY_SERIAL,
         latency_timer,
     }
 }
@@ -56,6 +78,7 @@ const fn serial(
     product: u16,
     name: &'static str,
     driver: &'static str,
+    takers: &'static [&'static str],
 ) -> UsbIdentity {
     let (attachment, latency_timer) = (Attachment::Serial, LatencyTimer::None);
     UsbIdentity {
@@ -64,6 +87,7 @@ const fn serial(
         name,
         driver,
         attachment,
+        takers,
         latency_timer,
     }
 }
@@ -76,6 +100,7 @@ const fn can(vendor: u16, product: u16, name: &'static str, driver: &'static str
         name,
         driver,
         attachment,
+        takers: ANY_CAN,
         latency_timer,
     }
 }
@@ -100,19 +125,21 @@ pub const IDENTITIES: &[UsbIdentity] = &[
         0x6015,
         "FTDI FT-X (Bota, Robotous, Kunwei, Dynamixel adapters)",
     ),
-    serial(0x10C4, 0xEA60, "Silicon Labs CP210x", "cp210x"),
-    serial(0x1A86, 0x7523, "WCH CH340", "ch341-uart"),
+    serial(0x10C4, 0xEA60, "Silicon Labs CP210x", "cp210x", ANY_SERIAL),
+    serial(0x1A86, 0x7523, "WCH CH340", "ch341-uart", ANY_SERIAL),
     serial(
         0x0483,
         0x5740,
         "STM32 virtual COM port (Leptrino)",
         "cdc_acm",
+        &["leptrino", "encoder_line", "pose_stream"],
     ),
     serial(
         0x04D8,
         0x000A,
         "OptoForce, OnRobot HEX (Microchip CDC)",
         "cdc_acm",
+        &["optoforce_serial"],
     ),
     can(0x1D50, 0x606F, "candleLight, CANable", "gs_usb"),
     can(0x1209, 0x2323, "candleLight clone", "gs_usb"),
@@ -152,6 +179,8 @@ pub struct FoundPort {
     pub driver: String,
     /// Latency timer, ms; `None` when the driver has none.
     pub latency_timer_ms: Option<u32>,
+    /// Whether this user may open it.
+    pub permitted: bool,
 }
 
 impl FoundPort {
@@ -180,16 +209,39 @@ impl fmt::Display for FoundPort {
                 write!(f, "  {text}")?;
             }
         }
-        match self.latency_timer_ms {
-            Some(ms) if ms > 1 => {
-                write!(
-                    f,
-                    "  latency timer {ms} ms: samples come in bursts, install the rules of udev/"
-                )
-            }
-            _ => Ok(()),
+        if let Some(identity) = self.identity() {
+            write!(f, "  for {}", identity.takers.join(", "))?;
         }
+        if let Some(ms) = self.latency_timer_ms.filter(|ms| *ms > 1) {
+            write!(
+                f,
+                "  latency timer {ms} ms: samples come in bursts, install the rules of udev/"
+            )?;
+        }
+        if !self.permitted {
+            let rule = udev_line("tty", self.vendor, self.product);
+            write!(
+                f,
+                "  NOT PERMITTED: install the rules of udev/, or this line: {rule}"
+            )?;
+        }
+        Ok(())
     }
+}
+
+/// The line of udev rules that lets the user at the machine open a device.
+#[must_use]
+pub fn udev_line(subsystem: &str, vendor: u16, product: u16) -> String {
+    format!(
+        "SUBSYSTEM==\"{subsystem}\", ATTRS{{idVendor}}==\"{vendor:04x}\", ATTRS{{idProduct}}==\"{product:04x}\", MODE=\"0660\", \
+         TAG+=\"uaccess\", ENV{{ID_MM_DEVICE_IGNORE}}=\"1\""
+    )
+}
+
+/// Whether this user may read and write a node.
+fn is_permitted(node: &Path) -> bool {
+    use rustix::fs::{Access, access};
+    access(node, Access::READ_OK | Access::WRITE_OK).is_ok()
 }
 
 /// A CAN interface of the kernel.
@@ -270,6 +322,7 @@ fn serial_ports_in(sys: &Path, dev: &Path) -> Vec<FoundPort> {
                 serial_number: text(&usb.join("serial")),
                 driver: driver_of(&device),
                 latency_timer_ms: latency_timer_in(sys, &tty),
+                permitted: is_permitted(&path),
                 path,
             })
         })

@@ -22,6 +22,7 @@ pub mod discover;
 pub mod dynamixel;
 pub mod encoder_line;
 mod framer;
+pub mod hid_axis;
 pub mod kunwei_kwr75;
 pub mod leptrino;
 pub mod link;

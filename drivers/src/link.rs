@@ -1,6 +1,7 @@
 //! The contract of a link: it carries frames and says when they came.
 
 pub mod faults;
+pub mod hidraw;
 pub mod record;
 pub mod replay;
 pub mod serial;
@@ -17,7 +18,7 @@ pub struct RxStamps {
 
 /// SocketCAN, hidraw, serial, replay, faults and sim-hw alike. A malformed frame is not a link error.
 pub trait Link {
-    /// What is carried: [`ft_wire::Chunk`] or [`ft_wire::CanFrame`].
+    /// What is carried: [`ft_wire::Chunk`], [`ft_wire::CanFrame`] or [`crate::hid_axis::HidFrame`].
     type Frame;
 
     /// The next frame, or `None` when none came by `deadline`.
@@ -31,6 +32,11 @@ pub trait Link {
     /// # Errors
     /// The link is unusable until it is opened again.
     fn send(&mut self, frame: &Self::Frame) -> Result<(), LinkError>;
+
+    /// Something about the link that the operator must know, said once: a converter that collects bytes, errors on the bus.
+    fn take_notice(&mut self) -> Option<String> {
+        None
+    }
 }
 
 /// Why a link is unusable. Reopening is the answer.

@@ -93,6 +93,9 @@ pub(crate) struct Protocol {
     duplicated: u64,
 }
 
+/// Marks, beside the bits of the status, that a sensor without torque was told of.
+const NO_TORQUE: u32 = 1 << 6;
+
 const STOP: Command = Command::Configure(Settings {
     period_ms: 0,
     filter: 0,
@@ -184,15 +187,19 @@ impl Protocol {
     }
 
     fn on_sample(&mut self, sample: &Sample, arrival: HostTime) {
+        let Some(torque) = sample.torque else {
+            // Once per attempt.
+            if self.stages.fresh_bits(NO_TORQUE) != 0 {
+                let reason = "a sensor with three axes gives no torque, so no wrench";
+                self.stages.lose(reason.to_owned(), arrival);
+            }
+            return;
+        };
         // Samples after the configuration show that it was taken, should its answer be missing.
         let start = self.config.settings().map(Command::Configure);
         if !self.stages.admits_sample(start, arrival) {
             return;
         }
-        let Some(torque) = sample.torque else {
-            let reason = "a sensor with three axes gives no torque, so no wrench";
-            return self.stages.lose(reason.to_owned(), arrival);
-        };
         let Some(device_ns) = self.place(sample.counter, arrival) else {
             return;
         };

@@ -5,7 +5,7 @@ use ft_wire::HostTime;
 use crate::clock::Clock;
 use crate::device::{Counted, Device};
 use crate::link::{Link, LinkError, RxStamps};
-use crate::reading::{Counts, Reading};
+use crate::reading::{Counts, DeviceEvent, Reading};
 
 /// Where a pump puts what came.
 pub trait Outlet<F> {
@@ -70,7 +70,7 @@ where
     ///
     /// The device's timeout is looked at after every turn, whether a frame came or not, and is served once the link
     /// is known to have been read up to it: a thread that was held up reads what waits before it calls a device lost.
-    /// A malformed frame is counted by the device and no error here. Allocates nothing per frame of its own.
+    /// What the link has to tell becomes a warning. A malformed frame is counted by the device and no error here. Allocates nothing per frame of its own.
     ///
     /// # Errors
     /// The link is unusable until it is opened again.
@@ -96,6 +96,10 @@ where
             }
         };
         let now = clock.now().max(read_up_to);
+        if let Some(text) = self.link.take_notice() {
+            let event = DeviceEvent::Warning { text };
+            outlet.reading(Reading::Event { at: now, event });
+        }
         if self
             .device
             .poll_timeout()

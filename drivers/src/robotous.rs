@@ -133,8 +133,12 @@ impl Protocol {
             }
             Response::Rate(code) => self.on_rate(code, at),
             Response::Filter(setting) => self.on_filter(setting, at),
-            Response::RateSet(outcome) => self.on_outcome(outcome, at),
-            Response::FilterSet(outcome) => self.on_outcome(outcome, at),
+            Response::RateSet(outcome) => {
+                self.on_outcome(outcome, at, |asked| matches!(asked, Command::SetRate(_)));
+            }
+            Response::FilterSet(outcome) => {
+                self.on_outcome(outcome, at, |asked| matches!(asked, Command::SetFilter(_)));
+            }
             // Nothing here asks for these.
             Response::Once(_) | Response::OverloadCounters(_) => {}
         }
@@ -180,10 +184,14 @@ impl Protocol {
         }
     }
 
-    fn on_outcome(&mut self, outcome: Outcome, at: HostTime) {
+    /// An answer to a setting; one to another setting than the one asked is left aside.
+    fn on_outcome(&mut self, outcome: Outcome, at: HostTime, answers: fn(Command) -> bool) {
         let State::Asking { command, .. } = self.state else {
             return;
         };
+        if !answers(command) {
+            return;
+        }
         if outcome.result == 1 {
             return self.answered(command, at);
         }

@@ -7,6 +7,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
+use ft_drivers::hid_axis::HidFrame;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::options::Startup;
 use ft_drivers::{Link, LinkError, RxStamps};
@@ -58,6 +59,7 @@ pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, Sessi
             counters: Arc::clone(counters),
             serial: || Some(FedLink::<Chunk>::new(&feed)),
             can: || Some(FedLink::<CanFrame>::new(&feed)),
+            hid: || Some(FedLink::<HidFrame>::new(&feed)),
         };
         links.push(builder.build(Startup::Listen)?);
         feeds.push(feed);
@@ -107,7 +109,8 @@ impl<F: RawFrame> Link for FedLink<F> {
 /// How long before its first sample a device's frames are fed: the first sample's frame may have come in two pieces.
 const LEAD: Duration = Duration::from_millis(1);
 
-/// Frames of the set-up are left out: here nobody asks, so their answers answer nothing.
+/// Frames of the set-up are left out: here nobody asks, so their answers answer nothing. Only drivers that learn the scale from
+/// the device hear them.
 fn feed_all(
     file: &Path,
     config: &Config,
@@ -133,7 +136,8 @@ fn feed_all(
                     .find(|(device, _)| Some(device.name.as_str()) == name);
                 if let Some((device, feed)) = found {
                     let first = first_samples.get(device.driver.topic());
-                    if first.is_some_and(|first| now + LEAD >= *first) {
+                    let streaming = first.is_some_and(|first| now + LEAD >= *first);
+                    if streaming || device.driver.learns_scale() {
                         feed.borrow_mut().push_back((message.data.to_vec(), now));
                         stepping.step(now)?;
                     }

@@ -5,7 +5,8 @@ use std::time::Duration;
 use ft_drivers::amt21::Echo;
 use ft_drivers::linkage::Linkage;
 use ft_drivers::options::Startup;
-use ft_drivers::{amt21, dynamixel, encoder_line};
+use ft_drivers::{amt21, dynamixel, encoder_line, hid_axis};
+use ft_wire::hid::Usage;
 use serde::Deserialize;
 
 /// `[device.settings.linkage]`: from the encoder's angle to the jaw opening.
@@ -201,6 +202,55 @@ impl EncoderLine {
             zero_counts: zero,
             linkage: linkage(self.linkage)?,
             ..encoder_line::Config::new(counts)
+        })
+    }
+}
+
+/// Settings of `hid_axis`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct HidAxis {
+    /// x, y, z, rx, ry, rz, slider, dial or wheel.
+    axis: String,
+    /// Negative when it counts down as the angle grows; without it the unit of the device's descriptor is taken.
+    counts_per_turn: Option<f64>,
+    /// Counts at angle 0.
+    zero_counts: f64,
+    linkage: Option<LinkageSetting>,
+}
+
+impl Default for HidAxis {
+    fn default() -> Self {
+        Self {
+            axis: Usage::X.name().to_owned(),
+            counts_per_turn: None,
+            zero_counts: 0.0,
+            linkage: None,
+        }
+    }
+}
+
+impl HidAxis {
+    pub(super) fn config(&self) -> Result<hid_axis::Config, String> {
+        let Some(usage) = Usage::named(&self.axis) else {
+            let names = Usage::ALL.map(Usage::name).join(", ");
+            return Err(format!("axis = {:?}: one of {names}", self.axis));
+        };
+        if let Some(counts) = self.counts_per_turn
+            && !(1.0..=1e9).contains(&counts.abs())
+        {
+            return Err(format!(
+                "counts_per_turn = {counts}: 1 to 1e9, negative when it counts down"
+            ));
+        }
+        if !self.zero_counts.is_finite() {
+            return Err(format!("zero_counts = {}: a number", self.zero_counts));
+        }
+        Ok(hid_axis::Config {
+            usage,
+            counts_per_turn: self.counts_per_turn,
+            zero_counts: self.zero_counts,
+            linkage: linkage(self.linkage)?,
         })
     }
 }

@@ -23,10 +23,28 @@ pub struct Config {
     pub startup: Startup,
     /// Longest wait for an acknowledgement, and for the first sample. Default 2 s, the maker's.
     pub ack_timeout: Duration,
-    /// Silence after which the stream counts as lost. Default 500 ms; sinc 4096 with chop needs 1.77 s.
+    /// Silence after which the stream counts as lost. Default 500 ms; a filter that takes longer for a sample is given what it
+    /// takes, and 15 % more as the maker's driver does.
     pub silence_timeout: Duration,
     /// Pause between being lost and the next attempt. Default 1 s.
     pub retry_after: Duration,
+}
+
+/// What a sample takes at sinc length 4096 with chop, the slowest, by the maker's driver.
+const SLOWEST: Duration = Duration::from_millis(1_770);
+
+impl Config {
+    /// The same with a silence that the filter's slowest sample does not reach.
+    pub(super) fn patient(self) -> Self {
+        let share = f64::from(self.filter.sinc_length) / 4096.0;
+        // Without chop a sample is four times faster or more; the documents give only this figure.
+        let slowest = if self.filter.chop { 1.0 } else { 0.25 };
+        let least = SLOWEST.mul_f64(1.15 * share * slowest);
+        Self {
+            silence_timeout: self.silence_timeout.max(least),
+            ..self
+        }
+    }
 }
 
 impl Default for Config {

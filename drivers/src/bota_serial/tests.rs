@@ -106,6 +106,26 @@ fn set_up_by_the_book_ends_in_samples() {
 }
 
 #[test]
+fn a_slow_filter_is_not_called_silent_between_its_samples() {
+    let slow = |sinc_length, chop| {
+        let config = Config {
+            filter: Filter {
+                sinc_length,
+                chop,
+                fast: false,
+                fir_disable: true,
+            },
+            ..Config::default()
+        };
+        BotaSerial::new(config).config.silence_timeout
+    };
+    assert_eq!(slow(64, false), Duration::from_millis(500));
+    assert_eq!(slow(64, true), Duration::from_millis(500));
+    assert_eq!(slow(4096, false), Duration::from_micros(508_875));
+    assert_eq!(slow(4096, true), Duration::from_micros(2_035_500));
+}
+
+#[test]
 fn characters_leave_5_ms_apart() {
     let mut bench = bench();
     acknowledge(&mut bench, "C");

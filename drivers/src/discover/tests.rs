@@ -178,3 +178,115 @@ fn a_machine_without_any_of_it_has_none() {
     assert_eq!(can_interfaces_in(&tree.0), []);
     assert_eq!(latency_timer_ms(Path::new("/dev/null")), None);
 }
+
+#[test]
+fn the_line_for_a_missing_permission_is_one_of_the_rules() {
+    for identity in IDENTITIES
+        .iter()
+        .filter(|identity| identity.attachment == Attachment::Serial)
+    {
+        let line = udev_line("tty", identity.vendor, identity.product);
+        assert!(RULES.lines().any(|rule| rule == line), "{line}");
+    }
+}
+
+#[test]
+fn every_rule_keeps_modem_manager_away_and_lets_the_seat_in() {
+    let access: Vec<_> = RULES
+        .lines()
+        .filter(|line| line.starts_with("SUBSYSTEM==\"tty\""))
+        .collect();
+    assert!(!access.is_empty());
+    for line in access {
+        assert!(
+            line.contains("TAG+=\"uaccess\"") && line.contains("ENV{ID_MM_DEVICE_IGNORE}=\"1\"")
+        );
+    }
+}
+
+#[test]
+fn every_identity_names_who_may_take_it() {
+    assert!(
+        IDENTITIES
+            .iter()
+            .all(|identity| !identity.takers.is_empty())
+    );
+}
+
+fn port(path: &str, serial_number: &str) -> FoundPort {
+    FoundPort {
+        path: PathBuf::from(path),
+        by_id: None,
+        vendor: 0x0403,
+        product: 0x6014,
+        manufacturer: String::new(),
+        product_name: String::new(),
+        serial_number: serial_number.to_owned(),
+        driver: "ftdi_sio".to_owned(),
+        latency_timer_ms: Some(1),
+        permitted: true,
+    }
+}
+
+#[test]
+fn a_port_is_found_again_by_its_serial_number_under_another_name() {
+    let (first, second) = (Path::new("/dev/ttyFT90"), Path::new("/dev/ttyFT91"));
+    let mut remembered = RememberedPort::new(first);
+    let [mine, other] = ["A1", "B2"];
+    let at = |path: &Path, serial: &str| port(path.to_str().unwrap(), serial);
+    assert_eq!(
+        remembered.path_among(&[at(first, mine), at(second, other)]),
+        first
+    );
+    // Replugged in the other order.
+    assert_eq!(
+        remembered.path_among(&[at(first, other), at(second, mine)]),
+        second
+    );
+    assert_eq!(
+        remembered.path_among(&[at(first, other)]),
+        first,
+        "mine is out"
+    );
+    assert_eq!(remembered.path_among(&[at(first, mine)]), first);
+}
+
+#[test]
+fn a_port_without_a_serial_number_stays_at_its_name() {
+    let first = Path::new("/dev/ttyFT90");
+    let mut remembered = RememberedPort::new(first);
+    assert_eq!(remembered.path_among(&[port("/dev/ttyFT90", "")]), first);
+    assert_eq!(remembered.path_among(&[port("/dev/ttyFT91", "")]), first);
+}
+
+#[test]
+fn a_hid_device_with_axes_is_found_and_one_without_is_not() {
+    let tree = Tree::new("hid");
+    let descriptor = [
+        0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x15, 0x00, 0x25, 0x7F, 0x75, 0x08, 0x95,
+        0x01, 0x81, 0x02, 0xC0,
+    ];
+    for (node, descriptor) in [
+        ("hidraw0", &descriptor[..]),
+        ("hidraw1", &[0xA1, 0x01, 0xC0]),
+    ] {
+        let device = format!("sys/class/hidraw/{node}/device");
+        tree.file(
+            &format!("{device}/uevent"),
+            "HID_ID=0003:00002341:00008036\nHID_NAME=Arduino Leonardo",
+        );
+        fs::write(tree.0.join(device).join("report_descriptor"), descriptor).unwrap();
+        tree.file(&format!("dev/{node}"), "");
+    }
+    let found = hid::hid_devices_in(&tree.0.join("sys"), &tree.0.join("dev"));
+    let [device] = found.as_slice() else {
+        panic!("{found:?}")
+    };
+    assert_eq!((device.vendor, device.product), (0x2341, 0x8036));
+    assert_eq!(device.axes, ["x"]);
+    let shown = device.to_string();
+    assert!(
+        shown.contains("Arduino Leonardo  for hid_axis, axes x"),
+        "{shown}"
+    );
+}

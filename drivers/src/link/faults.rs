@@ -281,6 +281,10 @@ impl<L: Link<Frame: Spoil>> Link for FaultyLink<L> {
     fn send(&mut self, frame: &L::Frame) -> Result<(), LinkError> {
         self.link.send(frame)
     }
+
+    fn take_notice(&mut self) -> Option<String> {
+        self.link.take_notice()
+    }
 }
 
 /// The splitmix64 generator: faults need no better one, and the same seed does the same everywhere.

@@ -1,6 +1,9 @@
 //! Frames as bytes, for raw channels of recordings.
 
+use ft_wire::hid::Report;
 use ft_wire::{CanFrame, Chunk};
+
+use crate::hid_axis::HidFrame;
 
 /// Top bit of a CAN id in `struct can_frame`: the id has 29 bits.
 pub const CAN_EFF_FLAG: u32 = 0x8000_0000;
@@ -45,6 +48,30 @@ impl RawFrame for CanFrame {
             Self::standard(u16::try_from(id).ok()?, payload)
         } else {
             Self::extended(id & !CAN_EFF_FLAG, payload)
+        }
+    }
+}
+
+/// A byte 0 and the report, or a byte 1 and the descriptor.
+impl RawFrame for HidFrame {
+    fn write_raw(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Report(report) => {
+                out.push(0);
+                out.extend_from_slice(report.as_slice());
+            }
+            Self::Descriptor(descriptor) => {
+                out.push(1);
+                out.extend_from_slice(descriptor);
+            }
+        }
+    }
+
+    fn from_raw(bytes: &[u8]) -> Option<Self> {
+        match bytes.split_first()? {
+            (0, report) => Report::new(report).map(Self::Report),
+            (1, descriptor) => Some(Self::Descriptor(descriptor.into())),
+            _ => None,
         }
     }
 }
@@ -95,5 +122,17 @@ mod tests {
         let chunk = Chunk::new(&[1, 2, 3]).unwrap();
         assert_eq!(raw(&chunk), [1, 2, 3]);
         assert_eq!(Chunk::from_raw(&[1, 2, 3]), Some(chunk));
+    }
+
+    #[test]
+    fn hid_frames_come_back_from_their_bytes() {
+        for frame in [
+            HidFrame::Report(Report::new(&[3, 1, 2]).unwrap()),
+            HidFrame::Descriptor([5, 1].into()),
+        ] {
+            assert_eq!(HidFrame::from_raw(&raw(&frame)), Some(frame));
+        }
+        assert_eq!(HidFrame::from_raw(&[2, 0]), None);
+        assert_eq!(HidFrame::from_raw(&[]), None);
     }
 }

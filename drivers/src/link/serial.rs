@@ -26,6 +26,8 @@ pub struct SerialLink {
     name: String,
     clock: MonotonicClock,
     latency_timer_ms: Option<u32>,
+    /// Whether the latency timer was told.
+    told: bool,
 }
 
 impl fmt::Debug for SerialLink {
@@ -57,6 +59,7 @@ impl SerialLink {
             latency_timer_ms: discover::latency_timer_ms(path),
             name,
             clock,
+            told: false,
         })
     }
 
@@ -148,6 +151,21 @@ impl Link for SerialLink {
             .write_all(chunk.as_slice())
             .map_err(|error| self.io_error("write", error))
     }
+
+    fn take_notice(&mut self) -> Option<String> {
+        if core::mem::replace(&mut self.told, true) {
+            return None;
+        }
+        self.latency_timer_ms()
+            .map(|ms| latency_text(&self.name, ms))
+    }
+}
+
+fn latency_text(port: &str, ms: u32) -> String {
+    format!(
+        "{port}: the converter's latency timer is {ms} ms, so samples come in bursts and look late by up to that: install \
+         the rules of udev/, which set 1 ms"
+    )
 }
 
 #[cfg(test)]

@@ -51,6 +51,8 @@ pub struct SocketCanLink {
     errors: CanErrors,
     foreign: u64,
     last_arrival: HostTime,
+    told: CanErrors,
+    tell_again_at: HostTime,
 }
 
 impl SocketCanLink {
@@ -93,6 +95,8 @@ impl SocketCanLink {
             errors: CanErrors::default(),
             foreign: 0,
             last_arrival: HostTime::EPOCH,
+            told: CanErrors::default(),
+            tell_again_at: HostTime::EPOCH,
         })
     }
 
@@ -155,7 +159,24 @@ impl SocketCanLink {
     }
 }
 
+/// Least time between two notices of errors on the bus.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
 impl CanErrors {
+    /// The errors since `told`, for people; `None` when there are none.
+    fn since(self, told: Self, interface: &str) -> Option<String> {
+        let fresh = self.frames.saturating_sub(told.frames);
+        let unacknowledged = self.no_acknowledge - told.no_acknowledge;
+        let restarted = self.restarted - told.restarted;
+        (fresh > 0).then(|| {
+            format!(
+                "{interface}: {fresh} error frames ({unacknowledged} not acknowledged, {restarted} restarts after bus-off), \
+                 {} in all: check bit rate, termination and wiring",
+                self.frames
+            )
+        })
+    }
+
     /// Counts an error frame of these classes; bus-off ends the link.
     fn count(&mut self, classes: u32, interface: &str) -> Result<(), LinkError> {
         self.frames += 1;
@@ -230,6 +251,19 @@ impl Link for SocketCanLink {
         self.socket
             .write_frame(&frame)
             .map_err(|error| self.error("write", error))
+    }
+
+    fn take_notice(&mut self) -> Option<String> {
+        if self.errors == self.told {
+            return None;
+        }
+        let now = self.clock.now();
+        if now < self.tell_again_at {
+            return None;
+        }
+        self.tell_again_at = now + TELL_EVERY;
+        let told = core::mem::replace(&mut self.told, self.errors);
+        self.errors.since(told, &self.interface)
     }
 }
 

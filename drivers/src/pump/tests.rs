@@ -55,6 +55,7 @@ struct BusyLink {
     sent_at: Vec<HostTime>,
     silent: bool,
     late_frame: Option<HostTime>,
+    notice: Option<String>,
 }
 
 impl Link for BusyLink {
@@ -76,6 +77,9 @@ impl Link for BusyLink {
     fn send(&mut self, _frame: &u8) -> Result<(), LinkError> {
         self.sent_at.push(self.clock.now());
         Ok(())
+    }
+    fn take_notice(&mut self) -> Option<String> {
+        self.notice.take()
     }
 }
 
@@ -104,6 +108,7 @@ fn pump(silent: bool) -> (Pump<Ticker, BusyLink>, SteppedClock) {
         sent_at: Vec::new(),
         silent,
         late_frame: None,
+        notice: None,
     };
     (Pump::new(device, link), clock)
 }
@@ -128,6 +133,28 @@ fn a_frame_comes_out_before_its_readings_even_when_it_is_malformed() {
         Turn::Frame
     );
     assert_eq!(log.0, ["frame", "reading"]);
+}
+
+#[test]
+fn what_a_link_has_to_tell_becomes_a_warning_once() {
+    struct Events(Vec<Reading>);
+    impl Outlet<u8> for Events {
+        fn frame(&mut self, _frame: &u8, _stamps: RxStamps) {}
+        fn reading(&mut self, reading: Reading) {
+            self.0.push(reading);
+        }
+    }
+    let (mut pump, clock) = pump(true);
+    pump.link.notice = Some("latency timer 16 ms".to_owned());
+    let mut events = Events(Vec::new());
+    for _ in 0..3 {
+        pump.turn(&clock, clock.now() + MS, &mut events).unwrap();
+    }
+    let event = DeviceEvent::Warning {
+        text: "latency timer 16 ms".to_owned(),
+    };
+    let at = HostTime::from_nanos(1_000_000_000);
+    assert_eq!(events.0, [Reading::Event { at, event }]);
 }
 
 #[test]

@@ -211,6 +211,27 @@ fn a_refused_setting_is_named() {
 }
 
 #[test]
+fn an_answer_to_another_setting_is_no_answer() {
+    let mut bench = bench(config());
+    identify(&mut bench, "RFT64-SB01");
+    expect(&mut bench, Command::ReadRate);
+    respond(&mut bench, Response::Rate(5));
+    expect(&mut bench, Command::SetRate(8));
+    respond(&mut bench, Response::FilterSet(Outcome::TAKEN));
+    let refused = Outcome {
+        result: 0,
+        error: 3,
+    };
+    respond(&mut bench, Response::FilterSet(refused));
+    assert_eq!(bench.complaints(), [""; 0]);
+    // Only when its time is over is it asked again.
+    assert_eq!(bench.sent, []);
+    expect(&mut bench, Command::SetRate(8));
+    respond(&mut bench, Response::RateSet(Outcome::TAKEN));
+    expect(&mut bench, Command::ReadFilter);
+}
+
+#[test]
 fn a_rate_or_filter_that_the_sensor_has_not_is_named() {
     let mut odd_rate = config();
     odd_rate.sensor.rate_hz = 123;

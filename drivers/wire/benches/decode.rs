@@ -7,7 +7,10 @@ use divan::{AllocProfiler, Bencher, black_box};
 use ft_wire::dynamixel2::{self, Packet, Params, PresentState, StatusError};
 use ft_wire::pose_stream::{self, PoseSample};
 use ft_wire::robotous_rft::{self, CanIds, Half, Record, Response};
-use ft_wire::{CanFrame, bota_serial};
+use ft_wire::{
+    CanFrame, amt21, ati_netcanoem, bota_serial, encoder_line, hid, kunwei_kwr75, leptrino,
+    optoforce_hex,
+};
 
 #[global_allocator]
 static ALLOC: AllocProfiler = AllocProfiler::system();
@@ -85,6 +88,81 @@ fn robotous_can_decode_and_join(bencher: Bencher<'_, '_>) {
         }
     });
 }
+
+#[divan::bench]
+fn optoforce_decode(bencher: Bencher<'_, '_>) {
+    let sample = optoforce_hex::Sample {
+        counter: 7,
+        status: optoforce_hex::Status(0),
+        force: [100, -200, 300],
+        torque: Some([-50, 60, -70]),
+    };
+    let frame = optoforce_hex::encode(&optoforce_hex::Packet::Sample(sample));
+    bencher.bench(|| optoforce_hex::decode(black_box(frame.as_slice())));
+}
+
+#[divan::bench]
+fn leptrino_decode(bencher: Bencher<'_, '_>) {
+    let sample = leptrino::Sample {
+        streamed: true,
+        raw: [16, -1000, 4112, 0, 5000, -10_000],
+        status: leptrino::Status(0),
+    };
+    let frame = leptrino::encode(&leptrino::Message::Sample(sample));
+    bencher.bench(|| leptrino::decode(black_box(frame.as_slice())));
+}
+
+#[divan::bench]
+fn kunwei_decode(bencher: Bencher<'_, '_>) {
+    let frame = kunwei_kwr75::encode(&kunwei_kwr75::Sample {
+        asked: false,
+        force_kg: [-9.78, -7.41, 7.51],
+        torque_kgm: [-0.17, 0.3, -0.005],
+    });
+    bencher.bench(|| kunwei_kwr75::decode(black_box(&frame)));
+}
+
+#[divan::bench]
+fn ati_decode_both_halves(bencher: Bencher<'_, '_>) {
+    let even = CanFrame::standard(0x200, &[0, 0, 3, 0xE8, 0x0B, 0xB8, 0x13, 0x88]);
+    let odd = CanFrame::standard(0x201, &[0xF8, 0x30, 0xF0, 0x60, 0xE8, 0x90]);
+    let halves = [even.expect("8 bytes"), odd.expect("6 bytes")];
+    bencher.bench(|| {
+        let [even, odd] = black_box(&halves);
+        let base = ati_netcanoem::FACTORY_BASE;
+        (
+            ati_netcanoem::decode(base, even),
+            ati_netcanoem::decode(base, odd),
+        )
+    });
+}
+
+#[divan::bench]
+fn amt21_decode(bencher: Bencher<'_, '_>) {
+    bencher.bench(|| amt21::decode_position(black_box([0xAB, 0x61])));
+}
+
+#[divan::bench]
+fn encoder_line_decode(bencher: Bencher<'_, '_>) {
+    let line = encoder_line::encode(&encoder_line::Sample {
+        time_us: 1_000_000,
+        counts: 2048,
+    });
+    bencher.bench(|| encoder_line::decode(black_box(line.as_slice())));
+}
+
+#[divan::bench]
+fn hid_axis_read(bencher: Bencher<'_, '_>) {
+    let axes = hid::axes(JOYSTICK).expect("a good descriptor");
+    let report = [3, 0x34, 0x12, 0x78, 0x56];
+    bencher.bench(|| axes.first().map(|axis| axis.read(black_box(&report))));
+}
+
+/// Report 3: X and Y, 16 bits each.
+const JOYSTICK: &[u8] = &[
+    0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x85, 0x03, 0x09, 0x30, 0x09, 0x31, 0x15, 0x00, 0x27, 0xFF,
+    0xFF, 0x00, 0x00, 0x75, 0x10, 0x95, 0x02, 0x81, 0x02, 0xC0,
+];
 
 #[divan::bench]
 fn dynamixel_decode(bencher: Bencher<'_, '_>) {

@@ -1,9 +1,9 @@
-//! `ft-capture devices`, `check`, `recover` and `replay`.
+//! `ft-capture devices`, `init`, `check`, `recover` and `replay`.
 
 use std::path::{Path, PathBuf};
 
+use ft_capture::init::{self, Found};
 use ft_capture::session::replay;
-use ft_drivers::discover;
 use ft_recording::{check, recover};
 
 use crate::terminal::say;
@@ -11,18 +11,47 @@ use crate::{CommandResult, Outcome};
 
 /// Lists what is plugged in.
 pub(crate) fn devices() -> CommandResult {
-    let ports = discover::serial_ports();
-    let interfaces = discover::can_interfaces();
-    for port in &ports {
+    let found = Found::now();
+    for port in &found.ports {
         say(&port.to_string())?;
     }
-    for interface in &interfaces {
+    for interface in &found.interfaces {
         say(&interface.to_string())?;
     }
-    if ports.is_empty() && interfaces.is_empty() {
-        say("no serial port with a USB identity and no CAN interface is there")?;
+    for hid in &found.hids {
+        say(&hid.to_string())?;
+    }
+    if found.is_empty() {
+        say(
+            "no serial port with a USB identity, no CAN interface and no HID device with an axis is there",
+        )?;
         say("(a simulated gripper needs none: ft-capture --sim)")?;
     }
+    Ok(Outcome::Fine)
+}
+
+/// Writes a first configuration from what is plugged in.
+pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
+    let text = init::capture_toml(&Found::now());
+    let file = if force {
+        std::fs::File::create(output)
+    } else {
+        std::fs::File::create_new(output)
+    };
+    file.and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes()))
+        .map_err(|error| match error.kind() {
+            std::io::ErrorKind::AlreadyExists => {
+                format!(
+                    "{} exists: name another with -o, or replace it with --force",
+                    output.display()
+                )
+            }
+            _ => format!("{}: {error}", output.display()),
+        })?;
+    say(&format!(
+        "written to {}: choose the drivers in it",
+        output.display()
+    ))?;
     Ok(Outcome::Fine)
 }
 

@@ -27,6 +27,7 @@ const EXAMPLES: &str = "Examples:
   ft-capture --config capture.toml -o door.mcap      real devices, until Ctrl-C
   ft-capture --listen tcp/0.0.0.0:7447               let other machines watch (ft-view --connect ...)
   ft-capture devices                                 what is plugged in
+  ft-capture init                                    a first capture.toml from it
   ft-capture check door.mcap                         is the recording whole?
   ft-capture recover door.mcap.partial -o door.mcap  after a crash
   ft-capture calibrate shake.mcap --toml calibration.toml --plot shake.html   the tool's own weight, and the bias
@@ -114,8 +115,17 @@ impl std::str::FromStr for Speed {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// List serial ports and CAN interfaces, and which driver may take them
+    /// List serial ports, CAN interfaces and HID axes, and which driver may take them
     Devices,
+    /// Write a first configuration from what is plugged in
+    Init {
+        /// The configuration
+        #[arg(short, long, value_name = "FILE", default_value = "capture.toml")]
+        output: PathBuf,
+        /// Replace an existing file
+        #[arg(long)]
+        force: bool,
+    },
     /// Tell whether a recording is whole: rates, gaps, losses, one verdict
     Check {
         /// The recording
@@ -170,6 +180,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         None => record::record(&arguments.record),
         Some(Command::Devices) => files::devices(),
+        Some(Command::Init { output, force }) => files::init(&output, force),
         Some(Command::Check { file, json }) => files::check(&file, json),
         Some(Command::Recover {
             file,

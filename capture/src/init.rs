@@ -1,0 +1,199 @@
+//! A first `capture.toml`, written from what is plugged in.
+
+use std::fmt::Write as _;
+
+use ft_drivers::discover::{CanInterface, FoundHid, FoundPort};
+
+/// What is plugged in.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Serial ports on USB.
+    pub ports: Vec<FoundPort>,
+    /// CAN interfaces.
+    pub interfaces: Vec<CanInterface>,
+    /// HID devices with an axis.
+    pub hids: Vec<FoundHid>,
+}
+
+impl Found {
+    /// What is plugged in now.
+    #[must_use]
+    pub fn now() -> Self {
+        Self {
+            ports: ft_drivers::discover::serial_ports(),
+            interfaces: ft_drivers::discover::can_interfaces(),
+            hids: ft_drivers::discover::hid_devices(),
+        }
+    }
+
+    /// Whether nothing is there.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ports.is_empty() && self.interfaces.is_empty() && self.hids.is_empty()
+    }
+}
+
+const HEAD: &str = "\
+# What `ft-capture init` found. A converter does not say what hangs behind it: where several drivers may take a device, its block is
+# commented out. Choose the driver, take the # away, and give each topic one device only. README.md shows frames and calibration.
+id = \"gripper\"
+";
+
+/// The text of the configuration. A device that only one driver takes stands ready, unless its topic is taken already.
+#[must_use]
+pub fn capture_toml(found: &Found) -> String {
+    let mut text = HEAD.to_owned();
+    for (number, port) in (1..).zip(&found.ports) {
+        let path = port.by_id.as_ref().unwrap_or(&port.path);
+        let takers = port.identity().map_or(&[][..], |identity| identity.takers);
+        let about = [port.manufacturer.as_str(), port.product_name.as_str()].join(" ");
+        let name = format!("serial_{number}");
+        block(
+            &mut text,
+            &name,
+            &path.display().to_string(),
+            takers,
+            &about,
+        );
+    }
+    for interface in &found.interfaces {
+        let takers = ["robotous_can", "optoforce_can", "ati_netcanoem"];
+        block(
+            &mut text,
+            &interface.name,
+            &interface.name,
+            &takers,
+            &interface.driver,
+        );
+    }
+    for (number, hid) in (1..).zip(&found.hids) {
+        let about = format!("{}, axes {}", hid.name, hid.axes.join(", "));
+        let name = format!("hid_{number}");
+        // A joystick on the desk is not the gripper's.
+        let takers = ["hid_axis", "(not the gripper's)"];
+        block(
+            &mut text,
+            &name,
+            &hid.path.display().to_string(),
+            &takers,
+            &about,
+        );
+    }
+    if found.is_empty() {
+        text.push_str("\n# Nothing is plugged in. See `ft-capture devices`; `ft-capture --sim` needs no device.\n");
+    }
+    text
+}
+
+fn block(text: &mut String, name: &str, port: &str, takers: &[&str], about: &str) {
+    let (mark, driver) = match takers {
+        [only] => ("", *only),
+        [first, ..] => ("# ", *first),
+        [] => ("# ", "?"),
+    };
+    let choices = if takers.is_empty() {
+        "no driver knows this identity".to_owned()
+    } else {
+        takers.join(", ")
+    };
+    // Writing to a string cannot fail.
+    let _ = write!(
+        text,
+        "\n# {}: {choices}\n{mark}[[device]]\n{mark}name = {name:?}\n{mark}driver = {driver:?}\n{mark}port = {port:?}\n",
+        printable(about.trim())
+    );
+    if driver == "optoforce_serial" {
+        text.push_str(
+            "# From the sensitivity report of the very sensor:\n# settings = { force_counts_per_newton = [1.0, 1.0, 1.0], \
+             torque_counts_per_newton_metre = [1.0, 1.0, 1.0] }\n",
+        );
+    }
+}
+
+/// A device's own words, on one line.
+fn printable(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::*;
+    use crate::config::{Config, Driver};
+
+    fn port(path: &str, vendor: u16, product: u16) -> FoundPort {
+        FoundPort {
+            path: PathBuf::from(path),
+            by_id: None,
+            vendor,
+            product,
+            manufacturer: "FTDI\n[[device]]".to_owned(),
+            product_name: "Serial".to_owned(),
+            serial_number: "A1".to_owned(),
+            driver: String::new(),
+            latency_timer_ms: None,
+            permitted: true,
+        }
+    }
+
+    #[test]
+    fn a_device_that_one_driver_takes_stands_ready_and_the_others_are_offered() {
+        let found = Found {
+            ports: vec![
+                port("/dev/ttyACM0", 0x04D8, 0x000A),
+                port("/dev/ttyUSB0", 0x0403, 0x6014),
+            ],
+            interfaces: vec![CanInterface {
+                name: "can0".to_owned(),
+                driver: "gs_usb".to_owned(),
+                up: true,
+            }],
+            hids: Vec::new(),
+        };
+        let text = capture_toml(&found);
+        let config = Config::from_toml(&text, Path::new("capture.toml")).unwrap();
+        assert_eq!(config.devices.len(), 1);
+        assert_eq!(config.devices[0].driver, Driver::OptoforceSerial);
+        for offered in [
+            "# driver = \"bota_serial\"",
+            "# port = \"can0\"",
+            "dynamixel, amt21",
+        ] {
+            assert!(text.contains(offered), "{offered}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_block_whose_marks_are_taken_away_is_a_good_configuration() {
+        let found = Found {
+            ports: vec![port("/dev/ttyUSB0", 0x0403, 0x6014)],
+            ..Found::default()
+        };
+        let text: String = capture_toml(&found)
+            .lines()
+            .map(|line| match line.strip_prefix("# ") {
+                Some(rest) if rest.starts_with("[[") || rest.contains(" = \"") => {
+                    format!("{rest}\n")
+                }
+                _ => format!("{line}\n"),
+            })
+            .collect();
+        let config = Config::from_toml(&text, Path::new("capture.toml")).unwrap();
+        assert_eq!(config.devices[0].driver, Driver::BotaSerial);
+    }
+
+    #[test]
+    fn every_taker_of_an_identity_is_a_driver() {
+        for identity in ft_drivers::discover::IDENTITIES {
+            for taker in identity.takers {
+                assert!(Driver::by_name(taker).is_some(), "{taker}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_plugged_in_says_so() {
+        assert!(capture_toml(&Found::default()).contains("--sim"));
+    }
+}
