@@ -169,7 +169,7 @@ impl Device for RobotousCan {
 impl Counted for RobotousCan {
     fn counts(&self) -> Counts {
         Counts {
-            received: self.protocol.received,
+            received: self.protocol.received(),
             refused: self.refused,
             skipped: self.skipped,
             ..Counts::default()

@@ -114,7 +114,7 @@ impl Device for RobotousUart {
 impl Counted for RobotousUart {
     fn counts(&self) -> Counts {
         Counts {
-            received: self.protocol.received,
+            received: self.protocol.received(),
             refused: self.framer.refused,
             skipped: self.framer.skipped,
             ..Counts::default()

@@ -174,6 +174,14 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         matches!(self.state, State::Asking { question, .. } if question == wanted)
     }
 
+    /// The question that is out.
+    pub(crate) const fn asked(&self) -> Option<Q> {
+        match self.state {
+            State::Asking { question, .. } => Some(question),
+            _ => None,
+        }
+    }
+
     /// Something came, whatever it was.
     pub(crate) fn on_traffic(&mut self, at: HostTime) {
         self.unread += 1;
@@ -292,7 +300,10 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
                 .filter(|(axis, _)| fresh & (0x20 >> axis) != 0)
                 .map(|(_, name)| name)
                 .collect();
-            let text = format!("{} overloaded: unload the sensor", over.join(" "));
+            let text = format!(
+                "{} beyond the rated load: unload the sensor",
+                over.join(" ")
+            );
             self.warn(text, at);
         }
     }
@@ -325,7 +336,7 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
                 }
                 let checks = self.checks;
                 self.lost(
-                    format!("stop was sent {ATTEMPTS} times, samples still come: {checks}"),
+                    format!("stop was sent {ATTEMPTS} times, frames still come: {checks}"),
                     now,
                 )
             }

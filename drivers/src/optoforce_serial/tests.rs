@@ -222,7 +222,7 @@ fn overload_and_trouble_set_the_quality_and_warn_once() {
     );
     let complaints = bench.complaints();
     assert_eq!(complaints.len(), 3, "{complaints:?}");
-    assert!(complaints[0].starts_with("Fx overloaded"), "{complaints:?}");
+    assert!(complaints[0].starts_with("Fx beyond"), "{complaints:?}");
 }
 
 #[test]

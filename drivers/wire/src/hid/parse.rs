@@ -71,7 +71,10 @@ pub fn axes(descriptor: &[u8]) -> Result<Vec<Axis>, DecodeError> {
                 .ok_or(CUT)?;
             continue;
         }
-        let len = [0, 1, 2, 4][usize::from(head & 3) % 4];
+        let len = match head & 3 {
+            3 => 4,
+            few => usize::from(few),
+        };
         let (data, behind) = behind.split_at_checked(len).ok_or(CUT)?;
         parser.item(head & 0xFC, data)?;
         rest = behind;
