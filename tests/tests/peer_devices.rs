@@ -3,9 +3,10 @@
 //! The scripts use pyserial and nothing of this project. Devices on CAN are not read here: that wants a kernel with `vcan`.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, ChildStdout, Stdio};
+use std::sync::{Mutex, PoisonError};
 
 use ft_tests::{peers, programs};
 use serde_json::Value;
@@ -16,13 +17,16 @@ const WEIGHT_N: f64 = 0.49 * 9.80665;
 /// What the script listens; the gripper is turned in free air for longer.
 const SECONDS: &str = "1.5";
 
-/// The program that plays the devices; ended with the test.
-struct Served(Child);
+/// The program that plays the devices, and its output, which must stay open; ended with the test.
+struct Served {
+    child: Child,
+    _output: BufReader<ChildStdout>,
+}
 
 impl Drop for Served {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -42,19 +46,28 @@ fn serve(sensor: &str, gripper: &str, device: &str, folder: &Path) -> (Served, S
     ];
     let mut command = programs::command("ft-sim-hw", &arguments, folder);
     let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let port = lines
+    let mut output = BufReader::new(child.stdout.take().unwrap());
+    let port = output
+        .by_ref()
+        .lines()
         .map_while(Result::ok)
         .find_map(|line| {
             let words: Vec<_> = line.split_whitespace().collect();
             (words.get(1) == Some(&device)).then(|| words[2].to_owned())
         })
         .unwrap();
-    (Served(child), port)
+    let served = Served {
+        child,
+        _output: output,
+    };
+    (served, port)
 }
 
 /// What the script says of `device`; `None` without Python.
 fn read(sensor: &str, gripper: &str, device: &str) -> Option<(Value, Value)> {
+    // One at a time: each is a real-time affair of two programs.
+    static ALONE: Mutex<()> = Mutex::new(());
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     peers::python(TEST)?;
     let folder = tempdir().unwrap();
     let (_served, port) = serve(sensor, gripper, device, folder.path());
