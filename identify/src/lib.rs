@@ -29,6 +29,7 @@ pub mod motion;
 pub mod noise;
 pub mod output;
 pub mod page;
+pub mod paper;
 pub mod payload;
 pub mod pipeline;
 pub mod report;

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use ft_capture::session::Plan;
 use ft_capture::simulated;
 use ft_identify::motion::{Motion, MotionSettings};
+use ft_identify::paper::PaperSettings;
 use ft_identify::pipeline::{Identified, identify_recording};
 use ft_identify::screw::{JointKind, ScrewAxis};
 use ft_recording::TopicMap;
@@ -18,9 +19,19 @@ use ft_sim_hw::{Scenario, Simulation, Truth};
 /// The scenario is unknown, or the recording cannot be written.
 #[must_use]
 pub fn record(scenario: &str, seed: u64, file: &Path) -> Truth {
-    let scenario_text =
-        Scenario::load(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
-    let mut simulation = Simulation::new(&scenario_text, seed, simulated::START, None)
+    let loaded = Scenario::load(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    record_scenario(&loaded, seed, file)
+}
+
+/// Records a scenario on the simulated clock, drivers and all.
+///
+/// # Panics
+/// It cannot be played, or the recording cannot be written.
+#[must_use]
+pub fn record_scenario(scenario: &Scenario, seed: u64, file: &Path) -> Truth {
+    let played = scenario;
+    let scenario = &played.name;
+    let mut simulation = Simulation::new(played, seed, simulated::START, None)
         .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
     let config = simulated::config(
@@ -72,6 +83,10 @@ pub struct Comparison {
     pub floor_true: f64,
     /// The report's verdict.
     pub verdict: String,
+    /// The paper's estimator on the same samples: (estimate - truth) / truth of inertia, Coulomb and viscous friction.
+    pub paper: [Option<f64>; 3],
+    /// Share of the paper's base model's residual that the full model takes away, on held-out strokes.
+    pub reduction: f64,
 }
 
 /// Identifies `file` and compares.
@@ -115,7 +130,24 @@ pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Compari
         floor_estimated: finals.noise_floor_rms.unwrap_or(f64::NAN),
         floor_true: true_floor(&identified, truth),
         verdict: format!("{:?}", finals.verdict).to_lowercase(),
+        paper: paper(&identified, wanted.map(|(_, value)| value)),
+        reduction: match (report.base.held_out_rms, finals.held_out_rms) {
+            (Some(base), Some(full)) => 1.0 - full / base,
+            _ => f64::NAN,
+        },
     }
+}
+
+/// Relative errors of the paper's estimator, without its network, which does not change them.
+fn paper(identified: &Identified, truth: [f64; 3]) -> [Option<f64>; 3] {
+    let settings = PaperSettings {
+        training: None,
+        ..PaperSettings::default()
+    };
+    let Ok(fit) = ft_identify::paper::identify(&identified.samples, &settings) else {
+        return [None; 3];
+    };
+    [0, 1, 2].map(|j| fit.terms[j].value.map(|value| value / truth[j] - 1.0))
 }
 
 fn is_revolute(truth: &Truth) -> bool {
@@ -156,15 +188,18 @@ fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
     else {
         return f64::NAN;
     };
-    let squares: f64 = measured
+    // The same samples as the held-out error's.
+    let squares: Vec<f64> = measured
         .iter()
         .zip(&needed)
-        .map(|(a, b)| (a - b) * (a - b))
-        .sum();
-    (squares / measured.len() as f64).sqrt()
+        .zip(motion.covered())
+        .filter(|(_, covered)| *covered)
+        .map(|((a, b), _)| (a - b) * (a - b))
+        .collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Runs `scenarios` times `seeds` on all processors; `done` hears of each.
+/// Runs built-in `scenarios` times `seeds` on all processors; `done` hears of each.
 ///
 /// # Panics
 /// One of them cannot be recorded or identified.
@@ -174,9 +209,26 @@ pub fn study(
     seeds: std::ops::Range<u64>,
     done: impl Fn(&Comparison) + Sync,
 ) -> Vec<Comparison> {
+    let scenarios: Vec<Scenario> = scenarios
+        .iter()
+        .map(|name| Scenario::load(name).unwrap_or_else(|error| panic!("{name}: {error}")))
+        .collect();
+    study_of(&scenarios, seeds, done)
+}
+
+/// As [`study`], of any scenarios.
+///
+/// # Panics
+/// As [`study`].
+#[must_use]
+pub fn study_of(
+    scenarios: &[Scenario],
+    seeds: std::ops::Range<u64>,
+    done: impl Fn(&Comparison) + Sync,
+) -> Vec<Comparison> {
     let jobs: Vec<_> = scenarios
         .iter()
-        .flat_map(|name| seeds.clone().map(move |seed| (*name, seed)))
+        .flat_map(|scenario| seeds.clone().map(move |seed| (scenario, seed)))
         .collect();
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
@@ -188,8 +240,8 @@ pub fn study(
             scope.spawn(move || {
                 let file = folder.path().join(format!("{worker}.mcap"));
                 while let Some((scenario, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let truth = record(scenario, *seed, &file);
-                    let comparison = compare(scenario, *seed, &file, &truth);
+                    let truth = record_scenario(scenario, *seed, &file);
+                    let comparison = compare(&scenario.name, *seed, &file, &truth);
                     done(&comparison);
                     if let Ok(mut results) = results.lock() {
                         results.push(comparison);
@@ -201,7 +253,7 @@ pub fn study(
     let mut results = results.into_inner().unwrap_or_default();
     results.sort_by_key(|one| {
         (
-            scenarios.iter().position(|name| *name == one.scenario),
+            scenarios.iter().position(|s| s.name == one.scenario),
             one.seed,
         )
     });
