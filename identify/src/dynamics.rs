@@ -162,6 +162,12 @@ pub fn fit_with_mechanism(
     covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
         .powi(2)
         .max(1.0);
+    // At a reversal the joint sticks and breaks away, which no model here describes; what these samples ask for besides is in
+    // the uncertainty.
+    let apart = design.disagreement(&motion.near_reversals(), &smoothing, &covariance);
+    for (j, variance) in apart.into_iter().enumerate() {
+        covariance[(j, j)] += variance;
+    }
     let damped = design.damping_share(&smoothing) > DAMPED_ABOVE;
     let common = mechanism.take_common_damping();
     if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {

@@ -18,6 +18,7 @@ use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
 use crate::lag::Lag;
 use crate::mechanism::{Domain, Mechanism};
+use crate::paper::PaperFit;
 use crate::payload::Payload;
 use crate::screw::{Candidates, JointKind, ScrewAxis};
 
@@ -53,6 +54,24 @@ pub struct Report {
     pub lag: Option<Lag>,
     /// The part of the contact wrench that does no work.
     pub nonwork: Option<NonWork>,
+    /// What the paper's own estimator gives for the same samples, when it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub paper: Option<PaperEstimate>,
+}
+
+/// The paper's estimator: biased by its smoother, and without a covariance of its own, so no standard deviations.
+#[derive(Clone, Debug, Serialize)]
+pub struct PaperEstimate {
+    /// Inertia, Coulomb and viscous friction.
+    pub terms: Vec<Term>,
+    /// Root mean square residual, N m or N, of an effort that no filter went over.
+    pub rms: f64,
+    /// `mlp`.
+    pub mechanism: &'static str,
+    /// Root mean square residual with the network.
+    pub mechanism_rms: Option<f64>,
+    /// Epochs that its training took.
+    pub epochs: Option<usize>,
 }
 
 /// What went in.
@@ -252,6 +271,7 @@ impl Report {
             payload: None,
             lag: None,
             nonwork: None,
+            paper: None,
         }
     }
 
@@ -300,6 +320,20 @@ impl Report {
         self.mechanism = summary_of(full);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;
+        self
+    }
+
+    /// The report with the paper's estimates beside ours.
+    #[must_use]
+    pub fn with_paper(mut self, fit: &PaperFit) -> Self {
+        let terms = fit.terms.iter().cloned();
+        self.paper = Some(PaperEstimate {
+            terms: terms.map(|term| Term { std: None, ..term }).collect(),
+            rms: fit.rms,
+            mechanism: "mlp",
+            mechanism_rms: fit.mechanism_rms,
+            epochs: fit.mechanism.as_ref().map(|mechanism| mechanism.epochs),
+        });
         self
     }
 

@@ -81,6 +81,42 @@ fn a_table_gives_parameters_and_three_files() {
 }
 
 #[test]
+fn the_papers_estimator_stands_beside_ours_when_asked_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let output = directory.path().join("out").display().to_string();
+    let arguments = [
+        "table",
+        &file,
+        "--time",
+        "t",
+        "--position",
+        "q",
+        "--effort",
+        "f",
+        "--kind",
+        "prismatic",
+        "-o",
+        &output,
+    ];
+    let plain = run(&[&arguments[..], &["--json"]].concat());
+    let report: serde_json::Value = serde_json::from_slice(&plain.stdout).unwrap();
+    assert!(report.get("paper").is_none());
+    let both = run(&[
+        &arguments[..],
+        &["--json", "--force", "--estimator", "paper"],
+    ]
+    .concat());
+    let report: serde_json::Value = serde_json::from_slice(&both.stdout).unwrap();
+    let paper = &report["paper"];
+    assert_eq!(paper["mechanism"], "mlp");
+    assert!(paper["epochs"].as_u64().unwrap() > 100, "{paper}");
+    assert_eq!(paper["terms"][0]["name"], "inertia");
+    assert!(paper["terms"][0]["value"].as_f64().unwrap() > 0.0);
+    assert!(paper["mechanism_rms"].as_f64().unwrap() <= paper["rms"].as_f64().unwrap());
+}
+
+#[test]
 fn a_reader_that_has_gone_makes_no_panic() {
     use std::io::Write as _;
     // The track comes from standard input, so that the reader is gone before anything is printed.

@@ -255,6 +255,37 @@ impl Design {
         (solution, covariance)
     }
 
+    /// Variance of each parameter for what `left_out` samples say otherwise than the rest: half the square of the shift without
+    /// them, as far as it exceeds what `covariance` lets one expect.
+    pub(super) fn disagreement(
+        &self,
+        left_out: &[usize],
+        smoothing: &[f64; 2],
+        covariance: &DMatrix<f64>,
+    ) -> Vec<f64> {
+        let part = self.part(left_out);
+        let share = 1.0 - part.samples as f64 / self.tau.len() as f64;
+        let fit = |h: &DMatrix<f64>, right: &DVector<f64>, share: f64| {
+            let x = self.minimum(h, right, share, None);
+            let at_bound: Vec<bool> = (0..x.len())
+                .map(|j| self.bounds[j] == Bound::NonNegative && x[j] == 0.0)
+                .collect();
+            let inverse = covariance_of_free(&self.scaled(h), &at_bound);
+            (x, inverse)
+        };
+        let h = self.penalized(&self.gram, smoothing, 1.0);
+        let less = self.penalized(&(&self.gram - &part.gram), smoothing, share);
+        let (with, inverse_with) = fit(&h, &self.right, 1.0);
+        let (without, inverse_without) = fit(&less, &(&self.right - &part.right), share);
+        (0..self.params)
+            .map(|j| {
+                let grown = inverse_without[(j, j)] / inverse_with[(j, j)].max(1e-300) - 1.0;
+                let expected = covariance[(j, j)] * grown.max(0.0);
+                0.5 * ((without[j] - with[j]).powi(2) - expected).max(0.0)
+            })
+            .collect()
+    }
+
     /// By how much the scatter of what blocks of about a second ask for exceeds `covariance`, per parameter; at least 1. It
     /// sees residuals that are large just where a regressor is, which their autocorrelation alone does not tell.
     fn block_ratio(

@@ -31,6 +31,12 @@ impl Kernel {
         Ok(Self(weights))
     }
 
+    /// Distance, in samples, up to which the weights are positive.
+    pub(super) fn main_lobe(&self) -> usize {
+        let first = self.0.iter().position(|weight| *weight <= 0.0);
+        first.unwrap_or(self.0.len()).saturating_sub(1)
+    }
+
     /// Calls `f` with each sample that counts at `at` and its weight; beyond the ends of `run` the series goes on as its
     /// mirror image in the end point.
     fn each(&self, run: &Range<usize>, at: usize, mut f: impl FnMut(usize, f64)) {

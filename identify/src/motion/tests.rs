@@ -218,3 +218,19 @@ fn the_one_stroke_faster_than_all_others_does_not_count_as_held_out() {
     assert!(both(false) > 300);
     assert_eq!(both(true), 0, "the fast period lies in one fold");
 }
+
+#[test]
+fn samples_near_a_reversal_are_those_its_filtered_sign_reaches() {
+    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    let near = motion.near_reversals();
+    for (k, &i) in motion.kept.iter().enumerate() {
+        let t = motion.time[i];
+        let away = (t - t.round()).abs();
+        if away < 0.05 {
+            assert!(near.contains(&k), "{t}");
+        }
+        if away > 0.12 {
+            assert!(!near.contains(&k), "{t}");
+        }
+    }
+}

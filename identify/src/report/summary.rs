@@ -58,6 +58,22 @@ impl Report {
                 100.0 * self.last.relative_error.unwrap_or(f64::NAN)
             );
         }
+        if let Some(paper) = &self.paper {
+            let terms = paper.terms.iter().map(|term| {
+                let value = term.value.unwrap_or(f64::NAN);
+                format!("{} {value:.3} {}", term.name, term.unit)
+            });
+            let terms: Vec<String> = terms.collect();
+            let network = paper
+                .mechanism_rms
+                .map_or_else(String::new, |rms| format!(", {rms:.3} with its network"));
+            let _ = writeln!(
+                out,
+                "paper      {}; error in the fit {:.3} {unit}{network}",
+                terms.join(", "),
+                paper.rms
+            );
+        }
         let _ = write!(out, "{}", self.effect_lines());
         let _ = writeln!(out, "verdict    {}", self.verdict_line());
         if let Some(lag) = self.lag.filter(|lag| lag.applied) {

@@ -15,6 +15,7 @@ use ft_identify::batch::{self, BatchOptions};
 use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
 use ft_identify::output::{FILES, refuse_existing, write_to};
+use ft_identify::paper::PaperSettings;
 use ft_identify::pipeline::{Identified, Stage, identified_table, identify_confirmed};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
   ft-identify bag.mcap --map /wrench=/ft/wrench -o out    a recording with other topic names
   ft-identify --batch recordings/ -o results         all of them, and results/summary.csv
+  ft-identify door.mcap --estimator paper -o door     the paper's estimator beside ours
   ft-identify table axis.csv --time t --position q --effort f --kind prismatic -o axis
   ft-identify track poses.log                         the joint of a track of poses
   ft-identify simulate door/twin.json --release 45deg    let it go: when does it close
@@ -92,12 +94,21 @@ struct Common {
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
     #[arg(long)]
     confirm: Vec<PathBuf>,
+    /// `paper` puts the paper's own estimator (smoothed differentiation, least squares, network) beside ours in the report
+    #[arg(long, value_enum, default_value_t = Estimator::Matched)]
+    estimator: Estimator,
     /// Replace the files of an earlier run in the output directory
     #[arg(long)]
     force: bool,
     /// Print report.json instead of the summary
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Estimator {
+    Matched,
+    Paper,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -286,7 +297,7 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
         .notes
         .iter()
         .any(|note| note.starts_with("the file is damaged"));
-    finish(&identified, output, &arguments.common)?;
+    finish(identified, output, &arguments.common)?;
     Ok(if lost {
         Outcome::DataLost
     } else {
@@ -335,7 +346,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         &samples,
         analysis,
     );
-    finish(&identified, &arguments.output, &arguments.common)?;
+    finish(identified, &arguments.output, &arguments.common)?;
     Ok(Outcome::Fine)
 }
 
@@ -402,8 +413,17 @@ fn track_line(name: &str, found: &TrackJoint) -> String {
     )
 }
 
-fn finish(identified: &Identified, output: &Path, common: &Common) -> Result<(), IdentifyError> {
-    let files = write_to(output, identified)?;
+fn finish(mut identified: Identified, output: &Path, common: &Common) -> Result<(), IdentifyError> {
+    if common.estimator == Estimator::Paper {
+        match ft_identify::paper::identify(&identified.samples, &PaperSettings::default()) {
+            Ok(fit) => identified.report = identified.report.with_paper(&fit),
+            Err(error) => {
+                let note = format!("the paper's estimator gives nothing: {error}");
+                identified.report.notes.push(note);
+            }
+        }
+    }
+    let files = write_to(output, &identified)?;
     if common.json {
         let text = identified.report.to_json();
         println!(
