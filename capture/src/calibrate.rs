@@ -141,6 +141,12 @@ pub enum CalibrateError {
         /// Why not.
         source: std::io::Error,
     },
+    /// A file that would be written is there already.
+    #[error("{path} exists already: choose another name, or allow overwriting with --force")]
+    Exists {
+        /// The file.
+        path: std::path::PathBuf,
+    },
     /// The numbers do not determine a solution.
     #[error(
         "the motion determines nothing: the tool did not move, or the poses are all the same; move it in free air"
@@ -460,6 +466,15 @@ pub fn calibrate_file(
     options: &CalibrateOptions,
     outputs: &Outputs<'_>,
 ) -> Result<Calibrated, CalibrateError> {
+    let there = [outputs.toml, outputs.plot].into_iter().flatten();
+    if let Some(path) = there
+        .filter(|path| path.exists())
+        .find(|_| !outputs.overwrite)
+    {
+        return Err(CalibrateError::Exists {
+            path: path.to_owned(),
+        });
+    }
     let recording = Recording::load(file, map)?;
     let found = calibrate(&recording, options)?;
     if let Some(out) = outputs.recording {
@@ -504,7 +519,7 @@ pub struct Outputs<'a> {
     pub plot: Option<&'a Path>,
     /// Shift the new recording's poses by the alignment.
     pub shift: bool,
-    /// Replace an existing recording.
+    /// Replace existing files.
     pub overwrite: bool,
 }
 

@@ -116,17 +116,16 @@ fn find_in_zip(
     if depth == 0 {
         return Ok(None);
     }
-    for entry in names
-        .iter()
-        .filter(|entry| entry.name.ends_with(".zip") && !hidden(&entry.name))
-    {
+    let is_zip = |name: &str| name.ends_with(".zip") && !hidden(name);
+    let zips = names.iter().filter(|entry| is_zip(&entry.name)).count();
+    for entry in names.iter().filter(|entry| is_zip(&entry.name)) {
         // A zip of another stream is not what is looked for.
         let stem = entry.name.trim_end_matches(".zip");
         let stem = stem.rsplit('/').next().unwrap_or(stem);
         let archive_stem = archive.file_stem().unwrap_or_default().to_string_lossy();
         let from = match parts.iter().position(|part| *part == stem) {
             Some(place) => place + 1,
-            None if names.len() == 1 || stem == archive_stem => 0,
+            None if zips == 1 || stem == archive_stem => 0,
             None => continue,
         };
         let inside = entry

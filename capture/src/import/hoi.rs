@@ -32,7 +32,7 @@ use super::archive::{Found, find};
 use super::aria::{add_poses, import_entries, static_pose};
 use super::matrix::{from_json, from_yaml};
 use super::mps::{SourceFile, Trajectory, TrajectoryCounts};
-use super::table::{Column, Table};
+use super::table::Table;
 use super::{ImportError, hex, io};
 use crate::calibrate::{Alignment, CalibrateOptions, Calibrated, calibrate};
 use crate::config::Frames;
@@ -83,6 +83,8 @@ pub struct HoiReport {
 pub enum HoiCalibration {
     /// Free air of the recording, s from its start.
     FreeAir {
+        /// Its begin, s.
+        from_s: f64,
         /// End of the free air, s.
         until_s: f64,
     },
@@ -305,7 +307,7 @@ impl Import<'_> {
             let value = table.numbers(row, columns)?;
             if value.iter().all(|number| number.is_finite()) {
                 samples.push(Stamped {
-                    at: stamp(&table, row, time)?,
+                    at: HostTime::from_nanos(table.integer(row, time)?),
                     value,
                 });
             }
@@ -321,6 +323,7 @@ impl Import<'_> {
         Ok(samples)
     }
 
+    /// Nothing that is needed: what cannot be read of it is missing.
     fn temperature(&mut self) -> Result<Vec<Stamped<f64>>, ImportError> {
         let parts = [
             "force_torque",
@@ -329,20 +332,28 @@ impl Import<'_> {
             "temperature",
             "data.csv",
         ];
+        let what = format!("{}: no check of thermal drift", parts.join("/"));
         let Some(found) = self.in_bag(&parts)? else {
-            self.missing
-                .push(format!("{}: no check of thermal drift", parts.join("/")));
+            self.missing.push(what);
             return Ok(Vec::new());
         };
-        let table = Table::from_bytes(&found.bytes, &found.path)?;
-        let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
-        let sample = |row| {
-            Ok(Stamped {
-                at: stamp(&table, row, time)?,
-                value: table.number(row, value)?,
-            })
+        let read = || {
+            let table = Table::from_bytes(&found.bytes, &found.path)?;
+            let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
+            let sample = |row| {
+                Ok(Stamped {
+                    at: HostTime::from_nanos(table.integer(row, time)?),
+                    value: table.number(row, value)?,
+                })
+            };
+            (0..table.len())
+                .map(sample)
+                .collect::<Result<Vec<_>, ImportError>>()
         };
-        (0..table.len()).map(sample).collect()
+        Ok(read().unwrap_or_else(|error| {
+            self.missing.push(format!("{what} ({error})"));
+            Vec::new()
+        }))
     }
 
     fn trajectory(&mut self) -> Result<Trajectory, ImportError> {
@@ -421,22 +432,22 @@ impl Import<'_> {
         let end = recording.wrench[recording.wrench.len() - 1]
             .at
             .seconds_since(recording.wrench[0].at);
-        let mut best: Option<(f64, Calibrated)> = None;
-        let mut until_s = 6.0;
-        while until_s < end {
-            match free_air(recording, until_s) {
-                Some(found) => best = Some((until_s, found)),
-                None if best.is_some() => break,
-                None => {}
+        // The tool may lie on a table first.
+        for from_s in [0.0, 5.0, 10.0, 20.0, 30.0] {
+            let mut best: Option<(f64, Calibrated)> = None;
+            let mut until_s = from_s + 6.0;
+            while until_s < end.min(90.0) {
+                match free_air(recording, from_s, until_s) {
+                    Some(found) => best = Some((until_s, found)),
+                    None if best.is_some() => break,
+                    None => {}
+                }
+                until_s += 3.0;
             }
-            until_s += 3.0;
-            if until_s > 90.0 {
-                break;
+            if let Some((until_s, found)) = best {
+                let kind = HoiCalibration::FreeAir { from_s, until_s };
+                return (found.calibration, kind, found.alignment);
             }
-        }
-        if let Some((until_s, found)) = best {
-            let kind = HoiCalibration::FreeAir { until_s };
-            return (found.calibration, kind, found.alignment);
         }
         let (bias, quiet_s) = quiet_bias(recording);
         self.missing.push(
@@ -467,10 +478,10 @@ impl Import<'_> {
     }
 }
 
-/// Calibrates the first `until_s` seconds; `None` when something touched the tool or the motion shows too little.
-fn free_air(recording: &Recording, until_s: f64) -> Option<Calibrated> {
+/// Calibrates from `from_s` to `until_s`; `None` when something touched the tool or the motion shows too little.
+fn free_air(recording: &Recording, from_s: f64, until_s: f64) -> Option<Calibrated> {
     let options = CalibrateOptions {
-        free_air: Some((0.0, until_s)),
+        free_air: Some((from_s, until_s)),
         search_s: 0.5,
     };
     let found = calibrate(recording, &options).ok()?;
@@ -541,15 +552,6 @@ fn quiet_bias(recording: &Recording) -> (Option<Estimate<[f64; 6]>>, f64) {
         spread.max(if k < 3 { 0.1 } else { 0.005 })
     });
     (Some(Estimate { value, std }), n * STRETCH_S)
-}
-
-/// A stamp in ns; some tables write it as a float.
-fn stamp(table: &Table, row: usize, column: Column) -> Result<HostTime, ImportError> {
-    if let Ok(nanos) = table.number::<i64>(row, column) {
-        return Ok(HostTime::from_nanos(nanos));
-    }
-    let nanos = table.number::<f64>(row, column)?;
-    Ok(super::shifted(HostTime::EPOCH, 1e-9 * nanos))
 }
 
 fn write(
@@ -625,10 +627,11 @@ impl fmt::Display for HoiReport {
             self.path.display()
         )?;
         match &self.calibration {
-            HoiCalibration::FreeAir { until_s } => write!(
+            HoiCalibration::FreeAir { from_s, until_s } => write!(
                 f,
-                "\n  tool weighed in the first {until_s:.0} s of free air"
+                "\n  tool weighed in free air, {from_s:.0} to {until_s:.0} s"
             )?,
+
             HoiCalibration::Constants { quiet_s } => {
                 write!(
                     f,

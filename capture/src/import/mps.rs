@@ -144,11 +144,10 @@ impl Trajectory {
         };
         let mut up = Upright::default();
         for row in 0..table.len() {
-            let device_ns = table.number::<i64>(row, time)?.saturating_mul(scale);
+            let device_ns = table.integer(row, time)?.saturating_mul(scale);
             let quality = quality.map_or(Ok(1.0), |column| table.number::<f64>(row, column))?;
-            let utc_ns = utc
-                .map(|column| table.number::<i64>(row, column))
-                .transpose()?;
+            // Empty, -1 and anything else that is no instant mean that it is not known.
+            let utc_ns = utc.and_then(|column| table.integer(row, column).ok());
             let utc_ns = utc_ns.filter(|utc| *utc > 0);
             out.counts.without_utc += u64::from(utc_ns.is_none());
             let pose = Pose7::normalised(table.numbers(row, position)?, table.numbers(row, turn)?);

@@ -137,6 +137,25 @@ impl Table {
         })
     }
 
+    /// A whole number, also one that is written with a point or an exponent (exact up to 2^53).
+    ///
+    /// # Errors
+    /// The field is no number.
+    pub fn integer(&self, row: usize, column: Column) -> Result<i64, ImportError> {
+        match self.number::<i64>(row, column) {
+            Ok(number) => Ok(number),
+            Err(error) => {
+                let number = self.number::<f64>(row, column).map_err(|_| error)?;
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    reason = "a float to integer `as` saturates"
+                )]
+                let number = number.round() as i64;
+                Ok(number)
+            }
+        }
+    }
+
     /// Numbers of several columns.
     ///
     /// # Errors
@@ -177,6 +196,21 @@ mod tests {
         assert_eq!(table("a,b\n1,2\n3").unwrap().len(), 1);
         let message = table("a,b\n1\n2,3\n").unwrap_err().to_string();
         assert_eq!(message, "a.csv line 2: 1 fields, the header has 2");
+    }
+
+    #[test]
+    fn instants_are_read_as_integers_however_they_are_written() {
+        let table = table("a\n1716200000000000001\n1.7162e18\nx\n").unwrap();
+        let column = table.column("a").unwrap();
+        assert_eq!(table.integer(0, column).unwrap(), 1_716_200_000_000_000_001);
+        assert_eq!(table.integer(1, column).unwrap(), 1_716_200_000_000_000_000);
+        assert!(
+            table
+                .integer(2, column)
+                .unwrap_err()
+                .to_string()
+                .contains("expected i64")
+        );
     }
 
     #[test]

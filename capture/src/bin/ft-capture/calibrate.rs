@@ -44,7 +44,7 @@ pub(crate) struct CalibrateArguments {
     /// A topic in place of one of ours: /their/topic=/ft/wrench
     #[arg(long)]
     map: Vec<String>,
-    /// Replace an existing recording
+    /// Replace existing files
     #[arg(long)]
     force: bool,
     /// Print the result as JSON
