@@ -79,7 +79,7 @@ pub struct Analysis {
 }
 
 /// Above so many times the floor a held-out residual counts as unexplained.
-pub const EXPLAINED_BELOW: f64 = 1.25;
+pub const EXPLAINED_BELOW: f64 = 1.15;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
 ///

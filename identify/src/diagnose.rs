@@ -8,11 +8,15 @@
 
 mod confirm;
 mod evidence;
+mod finish;
+mod gates;
 mod model;
 mod null;
 mod scan;
 mod score;
 mod search;
+mod shapes;
+mod tidy;
 
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};

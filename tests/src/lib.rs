@@ -3,6 +3,7 @@
 use std::io::Write as _;
 pub mod peers;
 pub mod programs;
+pub mod sealed;
 pub mod study;
 pub mod swing;
 pub mod truth;

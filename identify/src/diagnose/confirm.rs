@@ -4,9 +4,9 @@
 //! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
 
 use super::model::{Found, Ground, in_parallel};
-use super::scan::minimize;
 use super::score::Problem;
 use super::search::{Diagnosis, Refused, fit_found};
+use super::shapes::polished;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, kind};
 use crate::least_squares::rms;
@@ -306,9 +306,10 @@ fn reshaped(
     }
     let ys = [left.to_vec()];
     let problem = Problem::new(anew, &ys, &ground.folds);
-    let cost = |shape: &[f64]| {
+    let grid = (found.kind.grid)(&ground.scope());
+    let costs = in_parallel(&grid, |shape| {
         let trial = Found {
-            shape: shape.to_vec(),
+            shape: shape.clone(),
             ..found.clone()
         };
         let columns: Option<Vec<Vec<f64>>> = trial
@@ -321,12 +322,20 @@ fn reshaped(
         problem
             .with(&columns, 1)
             .map_or(f64::INFINITY, |outcome| outcome[0].mse)
-    };
-    let grid = (found.kind.grid)(&ground.scope());
-    let costs = in_parallel(&grid, |shape| cost(shape));
+    });
     let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    let start = best.map_or_else(|| found.shape.clone(), |best| grid[best].clone());
-    Ok(minimize(found.kind, &start, ground.scope().range(), cost))
+    let Some(best) = best else {
+        return Ok(found.shape.clone());
+    };
+    let start = Found {
+        shape: grid[best].clone(),
+        ..found.clone()
+    };
+    let better = polished(ground, anew, left, vec![start]);
+    Ok(better
+        .into_iter()
+        .next()
+        .map_or_else(Vec::new, |found| found.shape))
 }
 
 /// Where the zero of the coordinate of another recording lies: within 3 % of the range, where the whole model fits best.

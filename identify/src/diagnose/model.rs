@@ -84,7 +84,7 @@ impl Ground {
         let theta = solve(&base, &y).unwrap_or_else(|| vec![0.0; 3]);
         Ok(Self {
             y,
-            folds: motion.folds(),
+            folds: blocks(&motion),
             motion,
             base,
             rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
@@ -138,6 +138,31 @@ impl Ground {
     }
 }
 
+/// Samples in a row that are held out together: six periods of the cut-off, many times what the filter remembers.
+const BLOCK: usize = 24;
+
+/// Fold of each kept sample, and their number: pieces of strokes take turns. What one stroke alone shows (the only one that
+/// is fast enough to open a valve) can then be learned from one half of it and tested on the other. Motions of few strokes
+/// have the folds of [`Motion::folds`].
+pub(super) fn blocks(motion: &Motion) -> Folds {
+    let strokes: Vec<usize> = motion.kept.iter().map(|&i| motion.stroke[i]).collect();
+    if strokes.last().is_none_or(|last| last / 2 + 1 < 3) {
+        return motion.folds();
+    }
+    let (mut block, mut begun) = (0, 0);
+    let mut folds = Vec::with_capacity(strokes.len());
+    for (k, stroke) in strokes.iter().enumerate() {
+        if k > 0 && (*stroke != strokes[k - 1] || k - begun >= BLOCK) {
+            block += 1;
+            begun = k;
+        }
+        folds.push(block % FOLDS);
+    }
+    (folds, FOLDS)
+}
+
+const FOLDS: usize = 6;
+
 /// One point of a kind's grid, with its filtered columns.
 pub(super) struct Candidate {
     pub(super) kind: &'static Kind,
@@ -167,10 +192,8 @@ pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
     Ok(all
         .into_iter()
         .filter(|candidate| {
-            candidate
-                .columns
-                .iter()
-                .all(|column| rms(column) > 1e-12 && column.iter().all(|v| v.is_finite()))
+            let all_finite = candidate.columns.iter().flatten().all(|v| v.is_finite());
+            all_finite && candidate.columns.first().is_some_and(|c| rms(c) > 1e-12)
         })
         .collect())
 }
@@ -210,11 +233,27 @@ pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + S
 /// Whether the estimates keep the signs that physics allows.
 pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
     let terms = kind.terms.iter().zip(used).filter(|(_, used)| **used);
-    terms.zip(theta).all(|((term, _), value)| match term.1 {
-        // What an effect does through the inertia and friction found cannot be a fraction of it.
-        Unit::One => SHARE.contains(value),
-        _ => term.2 == Bound::Free || *value > 0.0,
-    })
+    terms
+        .zip(theta)
+        .all(|((term, _), value)| match (term.1, term.0) {
+            // What an effect does through the inertia and friction found cannot be a fraction of it.
+            (Unit::One, _) => SHARE.contains(value),
+            // Oil through an open valve and a gap resists no more than through the gap.
+            (_, "beyond") => (-0.1 * theta[0]..theta[0]).contains(value),
+            _ => term.2 == Bound::Free || *value > 0.0,
+        })
+}
+
+/// Whether the friction beside the candidate keeps its sign: what resists one way only must not be made up of a friction that
+/// drives the other way. `rest` = estimates of the current model's columns.
+pub(super) fn friction_holds(ground: &Ground, kind: &Kind, theta: &[f64], rest: &[f64]) -> bool {
+    let at = match kind.name {
+        "asymmetric_coulomb" => usize::from(ground.active[0]),
+        "asymmetric_viscous" if ground.active[2] => usize::from(ground.active[0]) + 1,
+        _ => return true,
+    };
+    rest.get(at)
+        .is_none_or(|friction| *friction > -0.1 * theta[0])
 }
 
 /// Terms without a unit scale a regressor that is complete by itself.

@@ -1,7 +1,8 @@
 //! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
 
-use super::model::{Candidate, Found, Ground, in_parallel, signs_hold};
+use super::model::{Candidate, Found, Ground, friction_holds, in_parallel, signs_hold};
 use super::score::Problem;
+use super::shapes::polished;
 use crate::effect::library::{Kind, Search};
 use crate::motion::MotionError;
 
@@ -47,7 +48,7 @@ pub(super) fn look(
     };
     let before: Vec<f64> = alone.iter().map(|outcome| outcome.mse).collect();
     let scored = in_parallel(bank, |candidate| {
-        score_all(&problem, candidate, &before, &alone[0].blocks)
+        score_all(ground, &problem, candidate, &before, &alone[0].blocks)
     });
     let mut chance = vec![0.0_f64; efforts.len().saturating_sub(1)];
     let mut ranked: Vec<Ranked> = Vec::new();
@@ -66,7 +67,7 @@ pub(super) fn look(
     ranked.retain(|entry| entry.score > 0.0);
     let top: Vec<Ranked> = ranked.iter().take(REFINED).cloned().collect();
     let better: Vec<Result<Ranked, MotionError>> = in_parallel(&top, |entry| {
-        refine(ground, &problem, entry.clone(), before[0], &alone[0].blocks)
+        refine(ground, &problem, entry, before[0], &alone[0].blocks)
     });
     for (old, new) in ranked.iter_mut().zip(better) {
         *old = new?;
@@ -87,6 +88,7 @@ type Scored = Option<(Option<Ranked>, Vec<f64>)>;
 
 /// A candidate on the measured effort and on the replicates.
 fn score_all(
+    ground: &Ground,
     problem: &Problem<'_>,
     candidate: &Candidate,
     before: &[f64],
@@ -94,7 +96,9 @@ fn score_all(
 ) -> Scored {
     let (used, outcomes) = outcomes(problem, &candidate.columns, before.len())?;
     let scored = |k: usize| {
-        let holds = signs_hold(candidate.kind, &used, &outcomes[k].theta);
+        let (theta, rest) = (&outcomes[k].theta, &outcomes[k].rest);
+        let holds = signs_hold(candidate.kind, &used, theta)
+            && friction_holds(ground, candidate.kind, theta, rest);
         let score = evidence(problem, candidate.kind, &used, before[k], outcomes[k].mse);
         if holds { score } else { 0.0 }
     };
@@ -140,8 +144,7 @@ fn outcomes(
 /// Half the number of independent samples times the log ratio of the errors, less half a log of it for each free number.
 fn evidence(problem: &Problem<'_>, kind: &Kind, used: &[bool], before: f64, after: f64) -> f64 {
     let independent = problem.independent();
-    let unused = used.iter().filter(|used| !**used).count();
-    let freedom = (kind.freedom() - unused) as f64;
+    let freedom = kind.freedom_of(used) as f64;
     0.5 * independent * (before / after.max(1e-300)).ln() - 0.5 * freedom * independent.ln()
 }
 
@@ -150,36 +153,36 @@ fn share_helped(before: &[f64], after: &[f64]) -> f64 {
     helped as f64 / before.len().max(1) as f64
 }
 
-/// The entry with its shape where the held-out error is smallest nearby: golden sections along each shape in turn, twice.
+/// A better fit may be so much worse on held-out blocks.
+pub(super) const WORSE: f64 = 1.1;
+
+/// Shares of the greatest speed at which a relief valve is tried.
+pub(super) const LEVELS: [f64; 6] = [0.75, 0.55, 0.4, 0.28, 0.2, 0.13];
+
+/// The entry with its shape where the least is left nearby, as long as that helps on held-out blocks too.
 fn refine(
     ground: &Ground,
     problem: &Problem<'_>,
-    start: Ranked,
+    start: &Ranked,
     before: f64,
     blocks: &[f64],
 ) -> Result<Ranked, MotionError> {
     let kind = start.kind;
-    let mut failed = None;
     let mut best = start.clone();
-    let shape = minimize(kind, &start.shape, ground.scope().range(), |shape| {
-        let columns = match ground.columns_of(kind, shape) {
-            Ok(columns) => columns,
-            Err(error) => {
-                failed = Some(error);
-                return f64::INFINITY;
-            }
-        };
+    // By the fit to all blocks: what one fast stroke alone shows (that a valve opens) no other block can confirm.
+    let mut least = f64::NEG_INFINITY;
+    let mut consider = |best: &mut Ranked, shape: Vec<f64>| -> Result<(), MotionError> {
+        let columns = ground.columns_of(kind, &shape)?;
         let Some((used, outcomes)) = outcomes(problem, &columns, 1) else {
-            return f64::INFINITY;
+            return Ok(());
         };
         let own = &outcomes[0];
-        if !signs_hold(kind, &used, &own.theta) {
-            return f64::INFINITY;
-        }
-        if own.mse < best.mse {
-            best = Ranked {
+        let within = evidence(problem, kind, &used, before, own.fit);
+        if signs_hold(kind, &used, &own.theta) && within > least && own.mse < WORSE * best.mse {
+            least = within;
+            *best = Ranked {
                 kind,
-                shape: shape.to_vec(),
+                shape,
                 score: evidence(problem, kind, &used, before, own.mse),
                 mse: own.mse,
                 helps: share_helped(blocks, &own.blocks),
@@ -187,67 +190,31 @@ fn refine(
                 used,
             };
         }
-        own.mse
-    });
-    drop(shape);
-    failed.map_or(Ok(best), Err)
-}
-
-/// Shapes near `start` with the least `cost`.
-pub(super) fn minimize(
-    kind: &Kind,
-    start: &[f64],
-    range: f64,
-    mut cost: impl FnMut(&[f64]) -> f64,
-) -> Vec<f64> {
-    let mut shape = start.to_vec();
-    let free = kind.shape.iter().filter(|s| s.2 != Search::Fixed).count();
-    let sweeps = if free > 1 { 2 } else { 1 };
-    for sweep in 0..sweeps {
-        let narrower = 0.5_f64.powi(sweep);
-        for (k, (_, _, search)) in kind.shape.iter().enumerate() {
-            let at = shape[k];
-            let interval = match search {
-                Search::Fixed => continue,
-                Search::Way(share) => {
-                    [at - narrower * share * range, at + narrower * share * range]
-                }
-                Search::Seconds(s) => [at - narrower * s, at + narrower * s],
-                Search::Factor(f) => {
-                    let f = f.powf(narrower);
-                    [at / f, at * f]
-                }
-            };
-            let (found, value) = golden(interval, |v| {
-                let mut trial = shape.clone();
-                trial[k] = v;
-                cost(&trial)
-            });
-            if value <= cost(&shape) {
-                shape[k] = found;
-            }
+        Ok(())
+    };
+    consider(&mut best, start.shape.clone())?;
+    for (k, _) in kind
+        .shape
+        .iter()
+        .enumerate()
+        .filter(|(_, s)| s.2 == Search::Below)
+    {
+        for level in LEVELS {
+            let mut shape = start.shape.clone();
+            shape[k] *= level;
+            consider(&mut best, shape)?;
         }
     }
-    shape
-}
-
-/// Golden section with ten values.
-fn golden([mut low, mut high]: [f64; 2], mut cost: impl FnMut(f64) -> f64) -> (f64, f64) {
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
-    let (mut at_a, mut at_b) = (cost(a), cost(b));
-    for _ in 0..8 {
-        if at_a < at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - ratio * (high - low);
-            at_a = cost(a);
-        } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + ratio * (high - low);
-            at_b = cost(b);
-        }
+    let polished = polished(
+        ground,
+        problem.columns(),
+        problem.effort(),
+        vec![best.found(ground)],
+    );
+    for found in polished {
+        consider(&mut best, found.shape)?;
     }
-    if at_a < at_b { (a, at_a) } else { (b, at_b) }
+    Ok(best)
 }
 
 impl Ranked {

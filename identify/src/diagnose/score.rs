@@ -22,10 +22,14 @@ pub(super) struct Problem<'a> {
 pub(super) struct Outcome {
     /// Mean square error on held-out blocks.
     pub(super) mse: f64,
+    /// Mean square error of the fit to all blocks.
+    pub(super) fit: f64,
     /// Share of the blocks' squared error that each block has.
     pub(super) blocks: Vec<f64>,
     /// Estimates of the candidate's own columns over all blocks.
     pub(super) theta: Vec<f64>,
+    /// Estimates of the current model's columns beside it.
+    pub(super) rest: Vec<f64>,
 }
 
 impl<'a> Problem<'a> {
@@ -64,6 +68,16 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// The current model's columns.
+    pub(super) fn columns(&self) -> &[Vec<f64>] {
+        self.x
+    }
+
+    /// The measured effort.
+    pub(super) fn effort(&self) -> &[f64] {
+        &self.ys[0]
+    }
+
     /// Independent samples: the fit's rate is four times the cut-off, twice what the band holds.
     pub(super) fn independent(&self) -> f64 {
         0.5 * self.samples as f64
@@ -76,6 +90,15 @@ impl<'a> Problem<'a> {
 
     /// The model with further columns, on the first `efforts` efforts; nothing when they add nothing new.
     pub(super) fn with(&self, columns: &[&[f64]], efforts: usize) -> Option<Vec<Outcome>> {
+        self.scored(columns, efforts, true)
+    }
+
+    /// The model with further columns on the measured effort, new or not.
+    pub(super) fn complete(&self, columns: &[&[f64]]) -> Option<Outcome> {
+        self.scored(columns, 1, false)?.into_iter().next()
+    }
+
+    fn scored(&self, columns: &[&[f64]], efforts: usize, new: bool) -> Option<Vec<Outcome>> {
         let (p, m, count) = (self.x.len(), columns.len(), self.folds.1);
         let total = p + m;
         let mut gram: Vec<DMatrix<f64>> = self
@@ -97,13 +120,20 @@ impl<'a> Problem<'a> {
             }
         }
         let all = sum(&gram);
-        if !self.adds_something(&all, p) {
+        if new && !self.adds_something(&all, p) {
             return None;
         }
         let full = factor(&all)?;
         let parts: Vec<Cholesky<f64, Dyn>> = gram
             .iter()
-            .map(|fold| factor(&(&all - fold)))
+            .map(|fold| {
+                // What only the held-out block shows stays as all blocks have it.
+                let mut rest = &all - fold;
+                for i in 0..total {
+                    rest[(i, i)] += UNSEEN * all[(i, i)];
+                }
+                factor(&rest)
+            })
             .collect::<Option<_>>()?;
         let outcomes = (0..efforts).map(|k| {
             let mut right = vec![DVector::zeros(total); count];
@@ -121,19 +151,27 @@ impl<'a> Problem<'a> {
             let together = right
                 .iter()
                 .fold(DVector::zeros(total), |sum, part| sum + part);
+            let theta = full.solve(&together);
             let blocks: Vec<f64> = (0..count)
                 .map(|fold| {
-                    let theta = parts[fold].solve(&(&together - &right[fold]));
+                    let mut rest = &together - &right[fold];
+                    for i in 0..total {
+                        rest[i] += UNSEEN * all[(i, i)] * theta[i];
+                    }
+                    let theta = parts[fold].solve(&rest);
                     (self.square[k][fold] - 2.0 * theta.dot(&right[fold])
                         + theta.dot(&(&gram[fold] * &theta)))
                     .max(0.0)
                         / self.samples as f64
                 })
                 .collect();
+            let square: f64 = self.square[k].iter().sum();
             Outcome {
                 mse: blocks.iter().sum(),
+                fit: (square - theta.dot(&together)).max(0.0) / self.samples as f64,
                 blocks,
-                theta: full.solve(&together).as_slice()[p..].to_vec(),
+                theta: theta.as_slice()[p..].to_vec(),
+                rest: theta.as_slice()[..p].to_vec(),
             }
         });
         Some(outcomes.collect())
@@ -154,6 +192,10 @@ impl<'a> Problem<'a> {
         })
     }
 }
+
+/// Ridge of a fit to all blocks but one about the fit to all, as a share of each column's square: what many blocks show is
+/// tested, what one alone shows (one stroke is fast enough to open a valve) is not made up from nothing.
+const UNSEEN: f64 = 0.01;
 
 /// Products of two columns, by fold.
 fn by_fold(a: &[f64], b: &[f64], folds: &Folds) -> Vec<f64> {

@@ -1,11 +1,10 @@
 //! The loop.
 
-use super::model::{Candidate, Found, Ground, bank};
+use super::model::{Candidate, Found, Ground, bank, blocks};
 use super::null::replicates;
-use super::scan::{Look, Ranked, look, minimize};
+use super::scan::{Ranked, look};
 use super::score::{Problem, solve};
-use crate::dynamics::{DynamicsError, EffortModel, fit_parametric};
-use crate::effect::library::Kind;
+use crate::dynamics::{DynamicsError, EffortModel, fit_columns, fit_parametric};
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -69,40 +68,11 @@ pub struct Diagnosis {
 }
 
 const REPLICATES: usize = 40;
-const MOST_EFFECTS: usize = 6;
-/// An effect must move the effort (held-out) by so many noise floors.
-const LEAST_SIZE: f64 = 0.5;
+const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
 /// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
 const MOST_ABOVE: f64 = 1.25;
-/// Held-out errors within this factor of the floor have nothing to explain.
-const AT_FLOOR: f64 = 1.03;
-/// Of the squared error before, an effect must take away three tenths: a small change that several shapes of a residual can
-/// explain names nothing while much is left.
-const MOST_LEFT: f64 = 0.7;
-/// When it brings the error near the floor, a seventh is enough.
-const MOST_LEFT_NEAR: f64 = 0.85;
-const NEAR_FLOOR: f64 = 1.5;
-/// Share of the blocks that must get better.
-const LEAST_HELPED: f64 = 0.6;
-/// Kinds of which a joint may have two.
-const TWICE: [&str; 2] = ["damping_zone", "detent"];
-/// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
-const ALIAS: [(&str, &str); 2] = [
-    ("constant_load", "asymmetric_coulomb"),
-    ("grasp_compliance", "backlash"),
-];
-/// Kinds that hold another one as a special case: no alternatives to it.
-const CONTAIN: [(&str, &str); 7] = [
-    ("spring", "constant_load"),
-    ("spring", "asymmetric_coulomb"),
-    ("sensor_drift", "constant_load"),
-    ("sensor_drift", "asymmetric_coulomb"),
-    ("gravity", "constant_load"),
-    ("gravity", "asymmetric_coulomb"),
-    ("damping_zone", "asymmetric_viscous"),
-];
 
 /// Looks for what the model lacks on `samples`.
 ///
@@ -151,19 +121,19 @@ impl Diagnosis {
     }
 }
 
-struct State {
-    settings: MotionSettings,
-    samples: JointSamples,
-    ground: Ground,
-    bank: Vec<Candidate>,
-    effects: Vec<(Found, f64)>,
+pub(super) struct State {
+    pub(super) settings: MotionSettings,
+    pub(super) samples: JointSamples,
+    pub(super) ground: Ground,
+    pub(super) bank: Vec<Candidate>,
+    pub(super) effects: Vec<(Found, f64)>,
     /// The lag taken out, s, and its p-value.
-    lag: Option<(f64, f64)>,
-    refused: Vec<Refused>,
-    given_up: Vec<&'static str>,
-    floor: NoiseFloor,
+    pub(super) lag: Option<(f64, f64)>,
+    pub(super) refused: Vec<Refused>,
+    pub(super) given_up: Vec<&'static str>,
+    pub(super) floor: NoiseFloor,
     /// Error that simulated recordings of the model have, rms.
-    level: f64,
+    pub(super) level: f64,
 }
 
 impl State {
@@ -186,7 +156,7 @@ impl State {
         })
     }
 
-    fn found(&self) -> Vec<Found> {
+    pub(super) fn found(&self) -> Vec<Found> {
         self.effects
             .iter()
             .map(|(found, _)| found.clone())
@@ -234,98 +204,6 @@ impl State {
         Ok(self.effects.len() < MOST_EFFECTS)
     }
 
-    /// The first that passes every gate, or a simpler one that is as good.
-    fn choose(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
-        let mut turned_down = Vec::new();
-        let mut choice: Option<Ranked> = None;
-        for entry in &seen.ranked {
-            let as_good = choice.as_ref().is_none_or(|best| {
-                entry.score > best.score - (0.03 * best.score).max(4.0)
-                    && entry.kind.freedom() < best.kind.freedom()
-            });
-            if !as_good {
-                continue;
-            }
-            match self.why_not(entry, seen) {
-                None => choice = Some(entry.clone()),
-                Some(reason) if entry.mse < 0.98 * seen.mse => {
-                    turned_down.push(refusal(entry, seen, reason));
-                }
-                Some(_) => {}
-            }
-        }
-        if choice.is_none() {
-            // What is left at the end is what was turned down for good.
-            self.refused
-                .retain(|old| !turned_down.iter().any(|new| new.name == old.name));
-            self.refused.extend(turned_down);
-        }
-        choice.map(|entry| {
-            let p_value = p_value(&entry, seen);
-            (entry, p_value)
-        })
-    }
-
-    fn why_not(&self, entry: &Ranked, seen: &Look) -> Option<String> {
-        let size = (seen.mse - entry.mse).max(0.0).sqrt();
-        let floor = self.floor.rms;
-        let again = self
-            .effects
-            .iter()
-            .filter(|(found, _)| found.kind.name == entry.kind.name);
-        if again.count() > usize::from(TWICE.contains(&entry.kind.name)) {
-            return Some(
-                "it is in the model already, and once more makes no physical sense".to_owned(),
-            );
-        }
-        if self.given_up.contains(&entry.kind.name) {
-            return Some("removed before as superfluous".to_owned());
-        }
-        if entry.kind.name == "time_lag" {
-            let lag = entry.theta[0];
-            if lag.abs() < 1e-3 || self.lag.is_some() {
-                return Some(format!(
-                    "a lag of {:.2} ms is below what is resolved",
-                    1e3 * lag
-                ));
-            }
-        }
-        if seen.mse.sqrt() < AT_FLOOR * floor {
-            return Some(format!(
-                "the residual {:.3} is at the noise floor {floor:.3}",
-                seen.mse.sqrt()
-            ));
-        }
-        if size < LEAST_SIZE * floor {
-            return Some(format!(
-                "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
-            ));
-        }
-        let near = entry.mse.sqrt() < NEAR_FLOOR * floor;
-        let most = if near { MOST_LEFT_NEAR } else { MOST_LEFT };
-        if entry.mse > most * seen.mse {
-            let share = 100.0 * (1.0 - entry.mse / seen.mse);
-            return Some(format!(
-                "it explains {share:.0} % of what is left and leaves {:.1} noise floors: too little to be sure of its name",
-                entry.mse.sqrt() / floor
-            ));
-        }
-        if entry.helps < LEAST_HELPED {
-            return Some(format!(
-                "it helps in {:.0} % of the held-out blocks only",
-                100.0 * entry.helps
-            ));
-        }
-        let limit = limit(&seen.chance);
-        if entry.score <= limit {
-            return Some(format!(
-                "by chance the search finds as much (score {:.1}, limit {limit:.1})",
-                entry.score
-            ));
-        }
-        None
-    }
-
     /// Shifts the effort by the lag, again until it stays.
     fn take_lag(&mut self, entry: &Ranked, p_value: f64) -> Result<(), DynamicsError> {
         let mut lag = entry.theta[0];
@@ -348,270 +226,35 @@ impl State {
         Ok(())
     }
 
-    fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
+    pub(super) fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
         self.ground = Ground::of(Motion::prepare(&samples, &self.settings)?)?;
         self.bank = bank(&self.ground)?;
         self.samples = samples;
         Ok(())
     }
-
-    /// Shapes of all effects once more, each beside all others.
-    fn refine_all(&mut self) -> Result<(), DynamicsError> {
-        if self.effects.len() < 2 {
-            return Ok(());
-        }
-        for i in 0..self.effects.len() {
-            let x = self.without(i)?;
-            let efforts = [self.ground.y.clone()];
-            let problem = Problem::new(&x, &efforts, &self.ground.folds);
-            let found = &self.effects[i].0;
-            let shape = minimize(
-                found.kind,
-                &found.shape,
-                self.ground.scope().range(),
-                |shape| {
-                    let trial = Found {
-                        shape: shape.to_vec(),
-                        ..found.clone()
-                    };
-                    self.own_mse(&problem, &trial).unwrap_or(f64::INFINITY)
-                },
-            );
-            self.effects[i].0.shape = shape;
-        }
-        Ok(())
-    }
-
-    fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
-        let columns: Vec<Vec<f64>> = found
-            .series(&self.ground.motion)
-            .iter()
-            .map(|series| self.ground.motion.regressor(series))
-            .collect::<Result<_, _>>()
-            .ok()?;
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        let outcome = problem.with(&columns, 1)?.into_iter().next()?;
-        super::model::signs_hold(found.kind, &found.used, &outcome.theta).then_some(outcome.mse)
-    }
-
-    /// Columns of the model without effect `i`.
-    fn without(&self, i: usize) -> Result<Vec<Vec<f64>>, DynamicsError> {
-        let mut rest = self.found();
-        rest.remove(i);
-        Ok(self.ground.columns(&rest)?)
-    }
-
-    /// Replaces an early effect where another one now does better in its place.
-    fn swap(&mut self) -> Result<(), DynamicsError> {
-        for i in 0..self.effects.len().saturating_sub(1) {
-            let (seen, own) = self.in_place_of(i)?;
-            let Some(seen) = seen else { continue };
-            let there: Vec<&str> = self
-                .effects
-                .iter()
-                .map(|(found, _)| found.kind.name)
-                .collect();
-            let better = seen.ranked.iter().find(|entry| {
-                entry.kind.name != "time_lag"
-                    && !there.contains(&entry.kind.name)
-                    && entry.mse < 0.93 * own
-            });
-            if let Some(better) = better {
-                self.effects[i].0 = better.found(&self.ground);
-                self.refine_all()?;
-            }
-        }
-        Ok(())
-    }
-
-    /// What the library offers in place of effect `i`, and the mean square error with it.
-    fn in_place_of(&self, i: usize) -> Result<(Option<Look>, f64), DynamicsError> {
-        let x = self.without(i)?;
-        let efforts = vec![self.ground.y.clone()];
-        let problem = Problem::new(&x, &efforts, &self.ground.folds);
-        let own = self
-            .own_mse(&problem, &self.effects[i].0)
-            .unwrap_or(f64::INFINITY);
-        Ok((look(&self.ground, &self.bank, &x, &efforts)?, own))
-    }
-
-    /// Takes out what later effects made superfluous.
-    fn prune(&mut self) -> Result<(), DynamicsError> {
-        while self.effects.len() > 1 {
-            let mut least: Option<(usize, f64, f64, f64)> = None;
-            for i in 0..self.effects.len() {
-                let x = self.without(i)?;
-                let efforts = [self.ground.y.clone()];
-                let problem = Problem::new(&x, &efforts, &self.ground.folds);
-                let Some(alone) = problem.alone() else {
-                    continue;
-                };
-                let with = self
-                    .own_mse(&problem, &self.effects[i].0)
-                    .unwrap_or(f64::INFINITY);
-                let size = (alone[0].mse - with).max(0.0).sqrt();
-                if least.as_ref().is_none_or(|old| size < old.1) {
-                    least = Some((i, size, alone[0].mse, with));
-                }
-            }
-            let Some((i, size, alone, with)) = least else {
-                break;
-            };
-            if size >= LEAST_SIZE * self.floor.rms && with < 0.9 * alone {
-                break;
-            }
-            let (gone, _) = self.effects.remove(i);
-            self.given_up.push(gone.kind.name);
-            self.refused.push(Refused {
-                name: gone.kind.name,
-                reason: "superfluous beside the effects added later".to_owned(),
-                held_out_rms: [alone.sqrt(), with.min(1e300).sqrt()],
-            });
-            self.refine_all()?;
-        }
-        Ok(())
-    }
-
-    fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
-        let mut ambiguous = Vec::new();
-        for i in 0..self.effects.len() {
-            ambiguous.push(self.look_alikes(i)?);
-        }
-        let mut rest: Vec<(Found, f64, Vec<Ambiguity>)> = self
-            .effects
-            .drain(..)
-            .zip(ambiguous)
-            .map(|((found, p), ambiguous)| (found, p, ambiguous))
-            .collect();
-        let motion = &self.ground.motion;
-        let mut ordered: Vec<Found> = Vec::new();
-        let mut effects = Vec::new();
-        let mut before = fit_found(motion, &ordered)?.held_out_rms;
-        while !rest.is_empty() {
-            let mut errors = Vec::new();
-            for (found, _, _) in &rest {
-                let mut with = ordered.clone();
-                with.push(found.clone());
-                errors.push(fit_found(motion, &with)?.held_out_rms);
-            }
-            let Some(best) = (0..rest.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))
-            else {
-                break;
-            };
-            let (found, p_value, ambiguous_with) = rest.remove(best);
-            if errors[best] >= before {
-                self.refused.push(Refused {
-                    name: found.kind.name,
-                    reason: "it does not lower the error on held-out strokes once signs are kept"
-                        .to_owned(),
-                    held_out_rms: [before, errors[best]],
-                });
-                continue;
-            }
-            ordered.push(found.clone());
-            effects.push(NamedEffect {
-                found,
-                held_out_rms: [before, errors[best]],
-                p_value,
-                ambiguous_with,
-            });
-            before = errors[best];
-        }
-        let model = fit_found(motion, &ordered)?;
-        let floor = floor_of(&self.samples, motion, &model)?;
-        self.refused
-            .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
-        if let Some((lag, p_value)) = self.lag {
-            // The others' errors are those with the lag taken out; its own are with all others in.
-            let late = self.samples.with_effort_earlier(-lag);
-            let before = fit_found(&Motion::prepare(&late, &self.settings)?, &ordered)?;
-            let held_out_rms = [before.held_out_rms, model.held_out_rms];
-            let Some(kind) = crate::effect::library::kind("time_lag") else {
-                unreachable!("the library has a time lag")
-            };
-            let effect = NamedEffect {
-                found: self.ground.found(kind, Vec::new(), vec![true]),
-                held_out_rms,
-                p_value,
-                ambiguous_with: Vec::new(),
-            };
-            effects.push(effect);
-        }
-        Ok(Diagnosis {
-            effects,
-            refused: self.refused,
-            lag_s: self.lag.map(|lag| lag.0),
-            model,
-            floor,
-            simulated_rms: self.level,
-            is_table: self.samples.noise_of_q.is_empty(),
-            motion: self.ground.motion,
-            samples: self.samples,
-        })
-    }
-
-    /// Effects that would do nearly as well in place of effect `i`.
-    fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
-        let (seen, own) = self.in_place_of(i)?;
-        let Some(seen) = seen else {
-            return Ok(Vec::new());
-        };
-        let name = self.effects[i].0.kind.name;
-        let gain = (seen.mse - own).max(0.0);
-        Ok(seen
-            .ranked
-            .iter()
-            .filter(|entry| entry.kind.name != name)
-            .filter(|entry| {
-                let alias = ALIAS.contains(&(entry.kind.name, name))
-                    || ALIAS.contains(&(name, entry.kind.name));
-                seen.mse - entry.mse >= 0.85 * gain && (alias || entry.mse <= 1.15 * own)
-            })
-            .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
-            .map(|entry| ambiguity(entry.kind))
-            .collect())
-    }
-}
-
-fn ambiguity(kind: &Kind) -> Ambiguity {
-    Ambiguity {
-        name: kind.name,
-        told_apart_by: kind.separate,
-    }
-}
-
-fn refusal(entry: &Ranked, seen: &Look, reason: String) -> Refused {
-    Refused {
-        name: entry.kind.name,
-        reason,
-        held_out_rms: [seen.mse.sqrt(), entry.mse.sqrt()],
-    }
-}
-
-/// What chance may give: the most of all replicates, or four standard deviations above their mean.
-fn limit(chance: &[f64]) -> f64 {
-    let n = chance.len().max(1) as f64;
-    let mean = chance.iter().sum::<f64>() / n;
-    let spread = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / n).sqrt();
-    chance
-        .iter()
-        .copied()
-        .fold(mean + 4.0 * spread, f64::max)
-        .max(4.0)
-}
-
-fn p_value(entry: &Ranked, seen: &Look) -> f64 {
-    let as_good = seen.chance.iter().filter(|c| **c >= entry.score).count();
-    (1.0 + as_good as f64) / (1.0 + seen.chance.len() as f64)
 }
 
 pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel, DynamicsError> {
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(found.iter().map(|found| found as &dyn Effect));
-    fit_parametric(motion, &effects)
+    let mut columns = RigidBody.columns(motion)?;
+    for found in found {
+        columns.extend(found.columns(motion)?);
+    }
+    let y = motion.regressor(&motion.tau)?;
+    let folds = blocks(motion);
+    let mut model = fit_columns(columns.clone(), y.clone(), folds.clone())?;
+    // By the same blocks and the same rule as the search.
+    let free = columns.into_iter().zip(model.theta.iter());
+    let x: Vec<Vec<f64>> = free
+        .filter(|(_, theta)| **theta != 0.0)
+        .map(|(column, _)| column.values)
+        .collect();
+    if let Some(outcome) = Problem::new(&x, &[y], &folds).complete(&[]) {
+        model.held_out_rms = outcome.mse.sqrt();
+    }
+    Ok(model)
 }
 
-fn floor_of(
+pub(super) fn floor_of(
     samples: &JointSamples,
     motion: &Motion,
     model: &EffortModel,

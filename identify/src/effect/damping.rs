@@ -3,14 +3,14 @@
 use super::library::{Belongs, Kind, Search, Unit, Variable};
 use crate::least_squares::Bound::NonNegative;
 
-/// Share of a zone's edge that is taken to open or close gradually, of the width of the zone.
-const BLEND: f64 = 0.08;
+/// Share of the range over which a zone begins and ends, to start with.
+const EDGE: f64 = 0.04;
 
 fn inside(shape: &[f64], q: f64) -> f64 {
     let (from, to) = (shape[0].min(shape[1]), shape[0].max(shape[1]));
-    let blend = (BLEND * (to - from)).max(1e-9);
+    let edge = shape[3].max(1e-9);
     let step = |x: f64| {
-        let u = (x / blend + 0.5).clamp(0.0, 1.0);
+        let u = (x / edge + 0.5).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     };
     step(q - from) * step(to - q)
@@ -25,26 +25,38 @@ fn goes(direction: f64, dq: f64) -> f64 {
     }
 }
 
-fn zone(shape: &[f64], q: f64, dq: f64) -> f64 {
-    dq * goes(shape[2], dq) * inside(shape, q)
+fn zone(shape: &[f64], q: f64, dq: f64) -> Vec<f64> {
+    let here = dq.signum() * goes(shape[2], dq) * inside(shape, q);
+    let below = dq.abs().min(shape[4]);
+    vec![here * below, here * (dq.abs() - below)]
 }
 
-/// `tau = damping dq` for `from < q < to` and one direction, `damping >= 0`: closers, soft-close dampers, backchecks.
+/// `tau = damping dq` for `from < q < to` and one direction, `damping >= 0`: closers, soft-close dampers, backchecks. Above the
+/// speed `relief` a valve opens and the effort grows by `beyond` only.
 ///
 /// # Source
-/// EN 1154: latching zone 15-0 deg, backcheck from 70 deg.
+/// EN 1154: latching zone 15-0 deg, backcheck from 70 deg; pressure relief valves of closers open at a pressure, so at a
+/// damping effort.
 pub const ZONE: Kind = Kind {
     name: "damping_zone",
     belongs: Belongs::Object,
-    terms: &[("damping", Unit::Viscous, NonNegative)],
+    terms: &[
+        ("damping", Unit::Viscous, NonNegative),
+        ("beyond", Unit::Viscous, NonNegative),
+    ],
     shape: &[
-        ("from", Unit::Position, Search::Way(0.08)),
-        ("to", Unit::Position, Search::Way(0.08)),
+        ("from", Unit::Position, Search::Way(0.12)),
+        ("to", Unit::Position, Search::Way(0.12)),
         ("direction", Unit::One, Search::Fixed),
+        ("edge", Unit::Position, Search::Between(0.01, 0.12)),
+        ("relief", Unit::Speed, Search::Below),
     ],
     variable: Variable::Q,
     grid: |scope| {
         let at = |share: f64| scope.q[0] + share * scope.range();
+        let edge = EDGE * scope.range();
+        // Nothing is faster: no relief.
+        let relief = scope.fastest();
         let mut out = Vec::new();
         for from in 0..9 {
             for to in from + 1..=9 {
@@ -59,14 +71,19 @@ pub const ZONE: Kind = Kind {
                 };
                 let high = if to == 9 { 2.0 } else { f64::from(to) / 9.0 };
                 for direction in [-1.0, 1.0, 0.0] {
-                    out.push(vec![at(low), at(high), direction]);
+                    out.push(vec![at(low), at(high), direction, edge, relief]);
                 }
             }
         }
         out
     },
-    series: |scope, shape| vec![scope.by_state(|q, dq, _| zone(shape, q, dq))],
-    at: Some(|shape, q, dq| vec![zone(shape, q, dq)]),
+    series: |scope, shape| {
+        let both: Vec<Vec<f64>> = (0..2)
+            .map(|k| scope.by_state(|q, dq, _| zone(shape, q, dq)[k]))
+            .collect();
+        both
+    },
+    at: Some(zone),
     separate: "strokes at different speeds through the zone, both ways",
 };
 

@@ -96,6 +96,10 @@ pub enum Search {
     Factor(f64),
     /// Within so many seconds, either way.
     Seconds(f64),
+    /// Anywhere below the greatest speed, down to a twentieth.
+    Below,
+    /// Between these shares of the coordinate's range.
+    Between(f64, f64),
 }
 
 /// A shape parameter: name, unit, refinement.
@@ -142,6 +146,14 @@ impl Kind {
         let shapes = self.shape.iter().filter(|s| s.2 != Search::Fixed).count();
         self.terms.len() + shapes
     }
+
+    /// The same when some terms are left out; a relief that no term asks for is none.
+    #[must_use]
+    pub fn freedom_of(&self, used: &[bool]) -> usize {
+        let unused = used.iter().filter(|used| !**used).count();
+        let reliefs = self.shape.iter().filter(|s| s.2 == Search::Below).count();
+        self.freedom() - unused - if unused > 0 { reliefs } else { 0 }
+    }
 }
 
 /// A motion as the library sees it.
@@ -174,6 +186,13 @@ impl<'a> Scope<'a> {
     #[must_use]
     pub fn range(&self) -> f64 {
         (self.q[1] - self.q[0]).max(1e-9)
+    }
+
+    /// Greatest speed, either way.
+    #[must_use]
+    pub fn fastest(&self) -> f64 {
+        let (slowest, fastest) = extrema(&self.motion.dq);
+        fastest.max(-slowest).max(1e-9)
     }
 
     /// Duration, s.

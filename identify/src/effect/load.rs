@@ -1,6 +1,6 @@
 //! Efforts that depend on where the joint stands: loads, springs, weights, notches, magnets, rollers.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{PI, TAU};
 
 use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
 use crate::least_squares::Bound::{Free, NonNegative};
@@ -61,10 +61,19 @@ pub const GRAVITY: Kind = Kind {
 
 fn notch(shape: &[f64], q: f64) -> f64 {
     let u = (q - shape[0]) / shape[1];
-    u * (0.5 * (1.0 - u * u)).exp()
+    if shape[2] > 0.5 {
+        if u.abs() < 2.0 {
+            (0.5 * PI * u).sin()
+        } else {
+            0.0
+        }
+    } else {
+        u * (0.5 * (1.0 - u * u)).exp()
+    }
 }
 
-/// `tau = hold u exp((1 - u^2) / 2)`, `u = (q - centre) / width`, `hold >= 0`: pulled to the centre from both sides.
+/// `tau = hold u exp((1 - u^2) / 2)`, `u = (q - centre) / width`, `hold >= 0`: pulled to the centre from both sides. Or, `round`
+/// = 1, a notch that ends at two widths: `hold sin(pi u / 2)`. Both have their greatest effort at one width.
 pub const DETENT: Kind = Kind {
     name: "detent",
     belongs: Belongs::Object,
@@ -72,6 +81,7 @@ pub const DETENT: Kind = Kind {
     shape: &[
         ("centre", Unit::Position, Search::Way(0.03)),
         ("width", Unit::Position, Search::Factor(1.6)),
+        ("round", Unit::One, Search::Fixed),
     ],
     variable: Variable::Q,
     grid: |scope| {
@@ -79,7 +89,10 @@ pub const DETENT: Kind = Kind {
         for width in [0.012_f64, 0.025, 0.05, 0.09] {
             let count = (0.7 / width).clamp(12.0, 60.0) as usize;
             for at in even(0.03, 0.97, count) {
-                out.push(vec![scope.q[0] + at * scope.range(), width * scope.range()]);
+                for round in [0.0, 1.0] {
+                    let centre = scope.q[0] + at * scope.range();
+                    out.push(vec![centre, width * scope.range(), round]);
+                }
             }
         }
         out

@@ -1,8 +1,19 @@
-//! `cargo run -p ft-tests --bin sealed-table -- [DRAWS] [FIRST_SEED] [--bare]`: sealed draws recorded through the drivers,
-//! diagnosed with a confirming recording, and compared with the truth, by effect. All figures are simulated.
+//! Sealed draws recorded through the drivers, diagnosed with a confirming recording, and compared with the truth, by effect.
+//! All figures are simulated.
+//!
+//! ```text
+//! cargo run -p ft-tests --bin sealed-table -- [DRAWS] [FIRST_SEED] [--bare] [--two P] [--none P] [--outside P]
+//!     [--effect NAME]... [--alone] [--keep DIR] [--jobs N]
+//! ```
+//!
+//! `--alone` identifies without the confirming recording. `--keep DIR` leaves recordings, truths and reports there and takes
+//! recordings that are there already. The identification is given two recordings; the truth goes to the judge alone.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use ft_capture::session::Plan;
 use ft_capture::simulated;
@@ -10,96 +21,157 @@ use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::identify_confirmed;
 use ft_identify::report::Report;
 use ft_recording::TopicMap;
-use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions, SealedTruth};
+use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions};
 use ft_sim_hw::{Scenario, Simulation};
+use ft_tests::sealed::{Judged, table};
 
-/// Judgements of the draws of one effect (or of none).
-#[derive(Default)]
-struct Row {
-    draws: usize,
-    first: usize,
-    among: usize,
-    later: usize,
-    missed: usize,
-    wrong: usize,
-    explained: usize,
-    ratios: Vec<f64>,
+struct Options {
+    draws: u64,
+    first: u64,
+    sealed: SealedOptions,
+    confirm: bool,
+    keep: Option<PathBuf>,
+    jobs: usize,
 }
 
 fn main() {
-    let (flags, numbers): (Vec<String>, Vec<String>) = std::env::args()
-        .skip(1)
-        .partition(|argument| argument.starts_with("--"));
-    let number = |index: usize, otherwise: u64| {
-        numbers
-            .get(index)
-            .and_then(|text| text.parse().ok())
-            .unwrap_or(otherwise)
-    };
-    let (draws, start) = (number(0, 20), number(1, 1000));
-    let mechanisms = if flags.iter().any(|flag| flag == "--bare") {
-        Mechanisms::Dropped
-    } else {
-        Mechanisms::Kept
-    };
-    let options = SealedOptions {
-        two: 0.0,
-        mechanisms,
-        ..SealedOptions::default()
-    };
-    let mut rows: BTreeMap<&'static str, Row> = BTreeMap::new();
-    for seed in start..start + draws {
-        match one(seed, &options) {
-            Ok((truth, report)) => judge(&mut rows, &truth, &report),
-            Err(reason) => eprintln!("{seed}: {reason}"),
+    let options = match Options::parse(std::env::args().skip(1)) {
+        Ok(options) => options,
+        Err(reason) => {
+            eprintln!("sealed-table: {reason}");
+            std::process::exit(2);
         }
-    }
-    println!(
-        "| effect | draws | first | among look-alikes | later | missed | wrong names | explained | after / floor, median |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    for (name, row) in &mut rows {
-        row.ratios.sort_by(f64::total_cmp);
-        println!(
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {:.2} |",
-            row.draws,
-            row.first,
-            row.among,
-            row.later,
-            row.missed,
-            row.wrong,
-            row.explained,
-            row.ratios
-                .get(row.ratios.len() / 2)
-                .copied()
-                .unwrap_or(f64::NAN)
-        );
+    };
+    let next = AtomicU64::new(options.first);
+    let judged = Mutex::new(Vec::new());
+    let work = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= options.first + options.draws {
+                return;
+            }
+            match one(seed, &options) {
+                Ok(line) => {
+                    eprintln!("{line}");
+                    judged
+                        .lock()
+                        .unwrap_or_else(std::sync::PoisonError::into_inner)
+                        .push(line);
+                }
+                Err(reason) => eprintln!("{seed}: {reason}"),
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..options.jobs {
+            scope.spawn(work);
+        }
+    });
+    let mut judged = judged
+        .into_inner()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    judged.sort_by_key(|line| line.seed);
+    // A closed pipe ends the table and nothing else.
+    let _ = std::io::stdout().write_all(table(&judged).as_bytes());
+}
+
+impl Options {
+    fn parse(arguments: impl Iterator<Item = String>) -> Result<Self, String> {
+        let mut out = Self {
+            draws: 20,
+            first: 1000,
+            sealed: SealedOptions::default(),
+            confirm: true,
+            keep: None,
+            jobs: std::thread::available_parallelism().map_or(1, usize::from),
+        };
+        let mut numbers = Vec::new();
+        let mut arguments = arguments;
+        while let Some(argument) = arguments.next() {
+            let mut value = || {
+                arguments
+                    .next()
+                    .ok_or_else(|| format!("{argument} needs a value"))
+            };
+            match argument.as_str() {
+                "--bare" => out.sealed.mechanisms = Mechanisms::Dropped,
+                "--alone" => out.confirm = false,
+                "--two" => out.sealed.two = parsed(&value()?)?,
+                "--none" => out.sealed.none = parsed(&value()?)?,
+                "--outside" => out.sealed.outside = parsed(&value()?)?,
+                "--effect" => out.sealed.only.push(value()?),
+                "--keep" => out.keep = Some(PathBuf::from(value()?)),
+                "--jobs" => out.jobs = parsed(&value()?)?,
+                number => numbers.push(parsed(number)?),
+            }
+        }
+        if let Some(draws) = numbers.first() {
+            out.draws = *draws;
+        }
+        if let Some(first) = numbers.get(1) {
+            out.first = *first;
+        }
+        Ok(out)
     }
 }
 
+fn parsed<T: std::str::FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| format!("{text:?} is no number"))
+}
+
 /// Records and identifies one draw.
-fn one(seed: u64, options: &SealedOptions) -> Result<(SealedTruth, Report), String> {
-    let draw = SealedDraw::draw(seed, options).map_err(|error| error.to_string())?;
-    let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
-    let (main, confirm) = (
-        folder.path().join("main.mcap"),
-        folder.path().join("confirm.mcap"),
-    );
-    record(&draw.main, seed, &main)?;
-    record(&draw.confirm, seed + 1, &confirm)?;
+fn one(seed: u64, options: &Options) -> Result<Judged, String> {
+    let draw =
+        SealedDraw::draw(seed, &options.sealed).map_err(|error| format!("not drawn: {error}"))?;
+    let mut temporary = None;
+    let folder = match &options.keep {
+        Some(keep) => keep.join(seed.to_string()),
+        None => temporary
+            .insert(tempfile::tempdir().map_err(|error| format!("no folder: {error}"))?)
+            .path()
+            .to_owned(),
+    };
+    std::fs::create_dir_all(&folder).map_err(|error| format!("no folder: {error}"))?;
+    let recorded = |name: &str, scenario: &Scenario, seed: u64| {
+        let file = folder.join(name);
+        if file.exists() {
+            return Ok(file);
+        }
+        record(scenario, seed, &file).map(|()| file)
+    };
+    let main = recorded("main.mcap", &draw.main, seed)?;
+    let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1)?;
+    let started = Instant::now();
+    let report = identified(&main, options.confirm.then_some(confirm))?;
+    let seconds = started.elapsed().as_secs_f64();
+    if options.keep.is_some() {
+        write(&folder.join("truth.json"), &draw.truth)?;
+        write(&folder.join("report.json"), &report)?;
+    }
+    Ok(Judged::of(&draw.truth, &report, seconds))
+}
+
+/// What the identification sees: two files.
+fn identified(main: &Path, confirm: Option<PathBuf>) -> Result<Report, String> {
     let (map, settings) = (TopicMap::default(), MotionSettings::default());
-    let found = identify_confirmed(&main, &[confirm], &map, &settings, &mut |_| ())
-        .map_err(|error| error.to_string())?;
-    Ok((draw.truth, found.report))
+    let confirm: Vec<PathBuf> = confirm.into_iter().collect();
+    identify_confirmed(main, &confirm, &map, &settings, &mut |_| ())
+        .map(|found| found.report)
+        .map_err(|error| format!("not identified: {error}"))
+}
+
+fn write(file: &Path, value: &impl serde::Serialize) -> Result<(), String> {
+    let text = serde_json::to_string_pretty(value).map_err(|error| error.to_string())?;
+    std::fs::write(file, text).map_err(|error| format!("cannot write {}: {error}", file.display()))
 }
 
 fn record(scenario: &Scenario, seed: u64, file: &Path) -> Result<(), String> {
     let mut simulation = Simulation::new(scenario, seed, simulated::START, None)
-        .map_err(|error| error.to_string())?;
+        .map_err(|error| format!("not simulated: {error}"))?;
     let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
     let (fitted, known) = (simulation.fitted(), simulation.known_setup());
-    let config =
-        simulated::config("sealed", fitted, &known, port).map_err(|error| error.to_string())?;
+    let config = simulated::config("sealed", fitted, &known, port)
+        .map_err(|error| format!("not simulated: {error}"))?;
     let plan = Plan {
         config,
         record: Some(file.to_owned()),
@@ -107,48 +179,7 @@ fn record(scenario: &Scenario, seed: u64, file: &Path) -> Result<(), String> {
         duration: None,
         publish: false,
     };
-    simulated::run(&plan, &mut simulation, |_| {}, || false).map_err(|error| error.to_string())?;
+    simulated::run(&plan, &mut simulation, |_| {}, || false)
+        .map_err(|error| format!("not recorded: {error}"))?;
     Ok(())
-}
-
-/// Effects that move the effort by less than twice the floor count as `small`: they must not produce a wrong name.
-fn judge(rows: &mut BTreeMap<&'static str, Row>, truth: &SealedTruth, report: &Report) {
-    let floor = report.last.noise_floor_rms.unwrap_or(f64::INFINITY);
-    let expected: Vec<&str> = truth.effects.iter().map(|effect| effect.name).collect();
-    let large = truth
-        .effects
-        .iter()
-        .any(|e| e.alone.main.unabsorbed_rms >= 2.0 * floor);
-    let key = match truth.effects.first() {
-        None => "(none)",
-        Some(effect) if large => effect.name,
-        Some(_) => "(small)",
-    };
-    let row = rows.entry(key).or_default();
-    row.draws += 1;
-    // The object's own mechanism is no false effect, and may well be the stronger one.
-    let others: Vec<_> = report
-        .effects
-        .iter()
-        .filter(|e| expected.contains(&e.name) || !truth.mechanism_effects.contains(&e.name))
-        .collect();
-    let holds = |e: &ft_identify::report::effects::EffectEntry| {
-        expected.contains(&e.name) || e.ambiguous_with.iter().any(|name| expected.contains(name))
-    };
-    match others.iter().position(|e| holds(e)) {
-        Some(0) if expected.contains(&others[0].name) => row.first += 1,
-        Some(0) => row.among += 1,
-        Some(_) => row.later += 1,
-        None => row.missed += 1,
-    }
-    row.wrong += others.iter().filter(|e| !holds(e)).count();
-    row.explained += usize::from(report.last.verdict == ft_identify::analysis::Verdict::Explained);
-    if let Some(named) = &report.last.named {
-        row.ratios.push(named.held_out_rms / floor);
-    }
-    let named: Vec<&str> = report.effects.iter().map(|e| e.name).collect();
-    eprintln!(
-        "{} {}: true {expected:?}, named {named:?}",
-        truth.seed, truth.object
-    );
 }

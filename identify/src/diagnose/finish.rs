@@ -1,0 +1,224 @@
+//! The end of the search: the order of the effects, what looks alike, and the last fit.
+
+use super::model::{Found, Ground};
+use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
+use crate::analysis::EXPLAINED_BELOW;
+use crate::dynamics::DynamicsError;
+use crate::effect::library::{Kind, LIBRARY};
+use crate::motion::Motion;
+
+/// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
+const ALIAS: [(&str, &str); 2] = [
+    ("constant_load", "asymmetric_coulomb"),
+    ("grasp_compliance", "backlash"),
+];
+/// Terms that are a constant effort.
+const CONSTANTS: [&str; 3] = ["load", "preload", "start"];
+/// Kinds that hold another one as a special case: no alternatives to it.
+const CONTAIN: [(&str, &str); 7] = [
+    ("spring", "constant_load"),
+    ("spring", "asymmetric_coulomb"),
+    ("sensor_drift", "constant_load"),
+    ("sensor_drift", "asymmetric_coulomb"),
+    ("gravity", "constant_load"),
+    ("gravity", "asymmetric_coulomb"),
+    ("damping_zone", "asymmetric_viscous"),
+];
+
+impl State {
+    pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
+        let mut ambiguous = Vec::new();
+        for i in 0..self.effects.len() {
+            ambiguous.push(self.look_alikes(i)?);
+        }
+        let mut rest: Vec<(Found, f64, Vec<Ambiguity>)> = self
+            .effects
+            .drain(..)
+            .zip(ambiguous)
+            .map(|((found, p), ambiguous)| (found, p, ambiguous))
+            .collect();
+        let motion = &self.ground.motion;
+        let mut ordered: Vec<Found> = Vec::new();
+        let mut effects = Vec::new();
+        let mut before = fit_found(motion, &ordered)?.held_out_rms;
+        while !rest.is_empty() {
+            let mut errors = Vec::new();
+            for (found, _, _) in &rest {
+                let mut with = ordered.clone();
+                with.push(found.clone());
+                errors.push(fit_found(motion, &with)?.held_out_rms);
+            }
+            let Some(best) = (0..rest.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))
+            else {
+                break;
+            };
+            let (found, p_value, ambiguous_with) = rest.remove(best);
+            if errors[best] >= before {
+                self.refused.push(Refused {
+                    name: found.kind.name,
+                    reason: "it does not lower the error on held-out strokes once signs are kept"
+                        .to_owned(),
+                    held_out_rms: [before, errors[best]],
+                });
+                continue;
+            }
+            ordered.push(found.clone());
+            effects.push(NamedEffect {
+                found,
+                held_out_rms: [before, errors[best]],
+                p_value,
+                ambiguous_with,
+            });
+            before = errors[best];
+        }
+        let ground = &self.ground;
+        drop_doubtful(ground, self.floor.rms, &mut effects, &mut self.refused)?;
+        let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+        let model = fit_found(motion, &ordered)?;
+        let floor = floor_of(&self.samples, motion, &model)?;
+        self.refused
+            .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
+        if let Some((lag, p_value)) = self.lag {
+            // The others' errors are those with the lag taken out; its own are with all others in.
+            let late = self.samples.with_effort_earlier(-lag);
+            let before = fit_found(&Motion::prepare(&late, &self.settings)?, &ordered)?;
+            let held_out_rms = [before.held_out_rms, model.held_out_rms];
+            let share = 1.0 - (held_out_rms[1] / held_out_rms[0]).powi(2);
+            if share < SURE && model.held_out_rms > EXPLAINED_BELOW * self.floor.rms {
+                self.refused
+                    .push(doubt("time_lag", share, held_out_rms, self.floor.rms));
+                self.shift(late)?;
+                self.lag = None;
+                return self.finish();
+            }
+            let Some(kind) = crate::effect::library::kind("time_lag") else {
+                unreachable!("the library has a time lag")
+            };
+            let effect = NamedEffect {
+                found: self.ground.found(kind, Vec::new(), vec![true]),
+                held_out_rms,
+                p_value,
+                ambiguous_with: Vec::new(),
+            };
+            effects.push(effect);
+        }
+        Ok(Diagnosis {
+            effects,
+            refused: self.refused,
+            lag_s: self.lag.map(|lag| lag.0),
+            model,
+            floor,
+            simulated_rms: self.level,
+            is_table: self.samples.noise_of_q.is_empty(),
+            motion: self.ground.motion,
+            samples: self.samples,
+        })
+    }
+
+    /// Effects that would do nearly as well in place of effect `i`.
+    fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
+        let (seen, own) = self.in_place_of(i)?;
+        let Some(seen) = seen else {
+            return Ok(Vec::new());
+        };
+        let found = &self.effects[i].0;
+        let name = found.kind.name;
+        let gain = (seen.mse - own).max(0.0);
+        let mut alike: Vec<Ambiguity> = seen
+            .ranked
+            .iter()
+            .filter(|entry| entry.kind.name != name)
+            .filter(|entry| {
+                let alias = ALIAS.contains(&(entry.kind.name, name))
+                    || ALIAS.contains(&(name, entry.kind.name));
+                seen.mse - entry.mse >= 0.85 * gain && (alias || entry.mse <= 1.15 * own)
+            })
+            .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
+            .map(|entry| ambiguity(entry.kind))
+            .collect();
+        // Whatever has a constant of its own may hold one of another cause.
+        let holds_constant = found.terms().any(|term| CONSTANTS.contains(&term.0));
+        for hidden in LIBRARY
+            .into_iter()
+            .filter(|kind| holds_constant && [ALIAS[0].0, ALIAS[0].1].contains(&kind.name))
+        {
+            let there = |other: &str| other == hidden.name;
+            let listed = alike.iter().any(|a| there(a.name))
+                || self.effects.iter().any(|(f, _)| there(f.kind.name));
+            if !listed {
+                alike.push(ambiguity(hidden));
+            }
+        }
+        Ok(alike)
+    }
+}
+
+/// While more than the floor is left, something is missing or has the wrong name: takes back what explains too little beside
+/// all others to be sure of its name, and curves that several others could make up as well.
+fn drop_doubtful(
+    ground: &Ground,
+    floor: f64,
+    effects: &mut Vec<NamedEffect>,
+    refused: &mut Vec<Refused>,
+) -> Result<(), DynamicsError> {
+    while effects
+        .last()
+        .is_some_and(|last| last.held_out_rms[1] > EXPLAINED_BELOW * floor)
+    {
+        let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+        let after = fit_found(&ground.motion, &all)?.held_out_rms;
+        let curves = all.iter().filter(|f| CURVES.contains(&f.kind.name)).count();
+        let mut least: Option<(usize, f64)> = None;
+        for (i, found) in all.iter().enumerate() {
+            let mut others = all.clone();
+            others.remove(i);
+            let before = fit_found(&ground.motion, &others)?.held_out_rms;
+            let share = 1.0 - (after / before).powi(2);
+            let curve = CURVES.contains(&found.kind.name);
+            let sure = if curve { SURE_CURVE } else { SURE };
+            let doubtful = share < sure || curve && curves > 1;
+            if doubtful && least.is_none_or(|old| share < old.1) {
+                least = Some((i, share));
+            }
+        }
+        let Some((i, share)) = least else { break };
+        let gone = effects.remove(i);
+        let before = after / (1.0 - share).max(1e-12).sqrt();
+        refused.push(doubt(gone.found.kind.name, share, [before, after], floor));
+        let mut found: Vec<Found> = Vec::new();
+        let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
+        for effect in effects.iter_mut() {
+            found.push(effect.found.clone());
+            let after = fit_found(&ground.motion, &found)?.held_out_rms;
+            effect.held_out_rms = [before, after];
+            before = after;
+        }
+    }
+    Ok(())
+}
+
+fn doubt(name: &'static str, share: f64, held_out_rms: [f64; 2], floor: f64) -> Refused {
+    Refused {
+        name,
+        reason: format!(
+            "it explains {:.0} % of what is left and {:.1} noise floors stay: too little to be sure of its name",
+            100.0 * share,
+            held_out_rms[1] / floor
+        ),
+        held_out_rms,
+    }
+}
+
+/// Share of the squared error that an effect must take away to be named while more than the floor is left.
+const SURE: f64 = 0.3;
+/// The same for a curve over the coordinate.
+const SURE_CURVE: f64 = 0.6;
+/// Curves over the coordinate that can sit anywhere: two or three of them make up any load.
+const CURVES: [&str; 2] = ["detent", "ripple"];
+
+fn ambiguity(kind: &Kind) -> Ambiguity {
+    Ambiguity {
+        name: kind.name,
+        told_apart_by: kind.separate,
+    }
+}

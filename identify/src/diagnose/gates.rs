@@ -1,0 +1,131 @@
+//! Which candidate is taken, and why others are not.
+
+use super::scan::{Look, Ranked};
+use super::search::{Refused, State};
+use crate::effect::library::Kind;
+
+/// An effect must move the effort (held-out) by so many noise floors.
+pub(super) const LEAST_SIZE: f64 = 0.5;
+/// Held-out errors within this factor of the floor have nothing to explain.
+const AT_FLOOR: f64 = 1.03;
+/// Share of the blocks that must get better.
+const LEAST_HELPED: f64 = 0.6;
+
+/// How many of a kind a joint may have: a closer damps its sweep, its latching and its backcheck.
+pub(super) fn most_of(kind: &Kind) -> usize {
+    match kind.name {
+        "damping_zone" => 3,
+        "detent" => 2,
+        _ => 1,
+    }
+}
+
+impl State {
+    /// The first that passes every gate, or a simpler one that is as good.
+    pub(super) fn choose(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
+        let mut turned_down = Vec::new();
+        let mut choice: Option<Ranked> = None;
+        for entry in &seen.ranked {
+            let as_good = choice.as_ref().is_none_or(|best| {
+                entry.score > best.score - (0.03 * best.score).max(4.0)
+                    && entry.kind.freedom() < best.kind.freedom()
+            });
+            if !as_good {
+                continue;
+            }
+            match self.why_not(entry, seen) {
+                None => choice = Some(entry.clone()),
+                Some(reason) if entry.mse < 0.98 * seen.mse => {
+                    turned_down.push(refusal(entry, seen, reason));
+                }
+                Some(_) => {}
+            }
+        }
+        if choice.is_none() {
+            // What is left at the end is what was turned down for good.
+            self.refused
+                .retain(|old| !turned_down.iter().any(|new| new.name == old.name));
+            self.refused.extend(turned_down);
+        }
+        choice.map(|entry| {
+            let p_value = p_value(&entry, seen);
+            (entry, p_value)
+        })
+    }
+
+    fn why_not(&self, entry: &Ranked, seen: &Look) -> Option<String> {
+        let size = (seen.mse - entry.mse).max(0.0).sqrt();
+        let floor = self.floor.rms;
+        let again = self
+            .effects
+            .iter()
+            .filter(|(found, _)| found.kind.name == entry.kind.name);
+        if again.count() >= most_of(entry.kind) {
+            return Some(
+                "it is in the model already, and once more makes no physical sense".to_owned(),
+            );
+        }
+        if self.given_up.contains(&entry.kind.name) {
+            return Some("removed before as superfluous".to_owned());
+        }
+        if entry.kind.name == "time_lag" {
+            let lag = entry.theta[0];
+            if lag.abs() < 1e-3 || self.lag.is_some() {
+                return Some(format!(
+                    "a lag of {:.2} ms is below what is resolved",
+                    1e3 * lag
+                ));
+            }
+        }
+        if seen.mse.sqrt() < AT_FLOOR * floor {
+            return Some(format!(
+                "the residual {:.3} is at the noise floor {floor:.3}",
+                seen.mse.sqrt()
+            ));
+        }
+        if size < LEAST_SIZE * floor {
+            return Some(format!(
+                "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
+            ));
+        }
+        if entry.helps < LEAST_HELPED {
+            return Some(format!(
+                "it helps in {:.0} % of the held-out blocks only",
+                100.0 * entry.helps
+            ));
+        }
+        let limit = limit(&seen.chance);
+        if entry.score <= limit {
+            return Some(format!(
+                "by chance the search finds as much (score {:.1}, limit {limit:.1})",
+                entry.score
+            ));
+        }
+        None
+    }
+}
+
+fn refusal(entry: &Ranked, seen: &Look, reason: String) -> Refused {
+    Refused {
+        name: entry.kind.name,
+        reason,
+        held_out_rms: [seen.mse.sqrt(), entry.mse.sqrt()],
+    }
+}
+
+/// What chance may give: the most of all replicates, or four standard deviations above their mean.
+fn limit(chance: &[f64]) -> f64 {
+    let n = chance.len().max(1) as f64;
+    let mean = chance.iter().sum::<f64>() / n;
+    let spread = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / n).sqrt();
+    chance
+        .iter()
+        .copied()
+        .fold(mean + 4.0 * spread, f64::max)
+        .max(4.0)
+}
+
+fn p_value(entry: &Ranked, seen: &Look) -> f64 {
+    let as_good = seen.chance.iter().filter(|c| **c >= entry.score).count();
+    (1.0 + as_good as f64) / (1.0 + seen.chance.len() as f64)
+}

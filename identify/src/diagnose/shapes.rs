@@ -1,0 +1,271 @@
+//! Shapes of effects by nonlinear least squares: terms and shapes together, Levenberg and Marquardt's way, with the
+//! derivatives of the filtered regressors taken numerically and the terms solved for at every trial.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::model::{Found, Ground, signs_hold};
+use super::score::solve;
+use crate::effect::library::Search;
+
+const ITERATIONS: usize = 12;
+/// An iteration that lowers the squared error by less than this share is the last.
+const ENOUGH: f64 = 1e-4;
+
+/// A shape parameter of one of the effects, with a step of its own size and with limits.
+#[derive(Clone, Copy)]
+struct Free {
+    effect: usize,
+    shape: usize,
+    /// Steps are factors.
+    by_factor: bool,
+    /// What a step of one adds, when steps are not factors.
+    unit: f64,
+    limits: [f64; 2],
+}
+
+impl Free {
+    fn of(
+        effect: usize,
+        shape: usize,
+        search: Search,
+        start: f64,
+        ground: &Ground,
+    ) -> Option<Self> {
+        let range = ground.scope().range();
+        let (by_factor, unit, limits) = match search {
+            Search::Fixed => return None,
+            Search::Way(share) => (false, range, [start - share * range, start + share * range]),
+            Search::Seconds(s) => (false, s, [start - s, start + s]),
+            Search::Factor(f) => (true, 1.0, [start / (f * f), start * f * f]),
+            Search::Below => {
+                let fastest = ground.scope().fastest();
+                (true, 1.0, [0.05 * fastest, fastest])
+            }
+            Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
+        };
+        Some(Self {
+            effect,
+            shape,
+            by_factor,
+            unit,
+            limits,
+        })
+    }
+
+    /// The parameter `step` away from `at`, within the limits.
+    fn moved(&self, at: f64, step: f64) -> f64 {
+        let there = if self.by_factor {
+            at * step.clamp(-1.0, 1.0).exp()
+        } else {
+            at + step * self.unit
+        };
+        there.clamp(self.limits[0], self.limits[1])
+    }
+
+    /// A step that changes the regressors little.
+    fn small(&self) -> f64 {
+        if self.by_factor { 0.02 } else { 4e-3 }
+    }
+}
+
+/// A trial: the effects' columns, all terms, and the sum of squares they leave.
+struct Trial {
+    effects: Vec<Found>,
+    columns: Vec<Vec<Vec<f64>>>,
+    theta: Vec<f64>,
+    residual: Vec<f64>,
+    square: f64,
+}
+
+impl Trial {
+    fn of(
+        x: &[Vec<f64>],
+        y: &[f64],
+        effects: Vec<Found>,
+        columns: Vec<Vec<Vec<f64>>>,
+    ) -> Option<Self> {
+        let mut all = x.to_vec();
+        all.extend(columns.iter().flatten().cloned());
+        let theta = solve(&all, y)?;
+        let mut at = x.len();
+        for found in &effects {
+            let count = found.terms().count();
+            if !signs_hold(found.kind, &found.used, &theta[at..at + count]) {
+                return None;
+            }
+            at += count;
+        }
+        let mut residual = y.to_vec();
+        for (column, theta) in all.iter().zip(&theta) {
+            for (left, value) in residual.iter_mut().zip(column) {
+                *left -= theta * value;
+            }
+        }
+        let square = residual.iter().map(|r| r * r).sum();
+        Some(Self {
+            effects,
+            columns,
+            theta,
+            residual,
+            square,
+        })
+    }
+}
+
+fn columns_of(ground: &Ground, found: &Found) -> Option<Vec<Vec<f64>>> {
+    found
+        .series(&ground.motion)
+        .iter()
+        .map(|series| ground.motion.regressor(series).ok())
+        .collect()
+}
+
+/// The effects with the shapes near theirs that leave the least of `y` beside the columns `x`; as they are when their terms
+/// have the wrong signs or nothing is better.
+pub(super) fn polished(
+    ground: &Ground,
+    x: &[Vec<f64>],
+    y: &[f64],
+    effects: Vec<Found>,
+) -> Vec<Found> {
+    let free: Vec<Free> = effects
+        .iter()
+        .enumerate()
+        .flat_map(|(effect, found)| {
+            // A relief that no term asks for stays where it is.
+            let unused = found.used.iter().any(|used| !used);
+            let shapes = found.kind.shape.iter().zip(&found.shape).enumerate();
+            shapes
+                .filter(move |(_, (of, _))| !(of.2 == Search::Below && unused))
+                .filter_map(move |(shape, (of, start))| {
+                    Free::of(effect, shape, of.2, *start, ground)
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    if free.is_empty() {
+        return effects;
+    }
+    let columns: Option<Vec<_>> = effects
+        .iter()
+        .map(|found| columns_of(ground, found))
+        .collect();
+    let Some(columns) = columns else {
+        return effects;
+    };
+    let Some(mut best) = Trial::of(x, y, effects.clone(), columns) else {
+        return effects;
+    };
+    let mut damping = 1e-2;
+    for _ in 0..ITERATIONS {
+        let Some(jacobian) = jacobian(ground, x, &best, &free) else {
+            break;
+        };
+        let before = best.square;
+        for _ in 0..4 {
+            let next = stepped(ground, x, y, &best, &free, &jacobian, damping);
+            match next {
+                Some(next) if next.square < best.square => {
+                    best = next;
+                    damping = (0.2 * damping).max(1e-6);
+                    break;
+                }
+                _ => damping *= 8.0,
+            }
+        }
+        if best.square > (1.0 - ENOUGH) * before {
+            break;
+        }
+    }
+    best.effects
+}
+
+/// What a unit step of each free shape does to the effort.
+fn jacobian(
+    ground: &Ground,
+    x: &[Vec<f64>],
+    trial: &Trial,
+    free: &[Free],
+) -> Option<Vec<Vec<f64>>> {
+    let starts: Vec<usize> = trial
+        .effects
+        .iter()
+        .scan(x.len(), |at, found| {
+            let start = *at;
+            *at += found.terms().count();
+            Some(start)
+        })
+        .collect();
+    free.iter()
+        .map(|parameter| {
+            let mut found = trial.effects[parameter.effect].clone();
+            let at = found.shape[parameter.shape];
+            let mut step = parameter.small();
+            let mut moved = parameter.moved(at, step);
+            if moved == at {
+                step = -step;
+                moved = parameter.moved(at, step);
+            }
+            found.shape[parameter.shape] = moved;
+            let there = columns_of(ground, &found)?;
+            let mut out = vec![0.0; trial.residual.len()];
+            let here = &trial.columns[parameter.effect];
+            for ((there, here), theta) in there
+                .iter()
+                .zip(here)
+                .zip(&trial.theta[starts[parameter.effect]..])
+            {
+                for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
+                    *out += theta * (a - b) / step;
+                }
+            }
+            Some(out)
+        })
+        .collect()
+}
+
+/// The trial after one damped step of all shapes.
+fn stepped(
+    ground: &Ground,
+    x: &[Vec<f64>],
+    y: &[f64],
+    trial: &Trial,
+    free: &[Free],
+    jacobian: &[Vec<f64>],
+    damping: f64,
+) -> Option<Trial> {
+    let columns: Vec<&Vec<f64>> = x
+        .iter()
+        .chain(trial.columns.iter().flatten())
+        .chain(jacobian)
+        .collect();
+    let linear = columns.len() - jacobian.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut gram = DMatrix::zeros(columns.len(), columns.len());
+    for i in 0..columns.len() {
+        for j in 0..=i {
+            let value = dot(columns[i], columns[j]);
+            gram[(i, j)] = value;
+            gram[(j, i)] = value;
+        }
+    }
+    for i in 0..columns.len() {
+        let own = gram[(i, i)];
+        gram[(i, i)] += 1e-9 * own + 1e-12 + if i >= linear { damping * own } else { 0.0 };
+    }
+    let right = DVector::from_iterator(
+        columns.len(),
+        columns.iter().map(|column| dot(column, &trial.residual)),
+    );
+    let step = gram.cholesky()?.solve(&right);
+    let mut effects = trial.effects.clone();
+    for (k, parameter) in free.iter().enumerate() {
+        let shape = &mut effects[parameter.effect].shape[parameter.shape];
+        *shape = parameter.moved(*shape, step[linear + k]);
+    }
+    let columns: Option<Vec<_>> = effects
+        .iter()
+        .map(|found| columns_of(ground, found))
+        .collect();
+    Trial::of(x, y, effects, columns?)
+}

@@ -1,0 +1,253 @@
+//! After each effect: shapes of all anew, reliefs, replacements, and what has become superfluous.
+
+use super::gates::{LEAST_SIZE, most_of};
+use super::model::{Found, signs_hold};
+use super::scan::{LEVELS, Look, WORSE, look};
+use super::score::{Outcome, Problem};
+use super::search::{Refused, State};
+use super::shapes::polished;
+use crate::dynamics::DynamicsError;
+use crate::effect::library::{Search, kind};
+use crate::least_squares::rms;
+
+impl State {
+    /// Shapes of all effects once more, together.
+    pub(super) fn refine_all(&mut self) -> Result<(), DynamicsError> {
+        self.relieve()?;
+        self.polish()?;
+        self.part()?;
+        self.relieve()?;
+        self.simplify()
+    }
+
+    fn polish(&mut self) -> Result<(), DynamicsError> {
+        let x = self.ground.columns(&[])?;
+        let better = polished(&self.ground, &x, &self.ground.y, self.found());
+        for ((old, _), new) in self.effects.iter_mut().zip(better) {
+            *old = new;
+        }
+        Ok(())
+    }
+
+    /// Where one damper lies within another of the same direction up to its end, lets the outer one end where the inner one
+    /// begins: a valve that opens for both together is a valve of each only when they lie side by side.
+    fn part(&mut self) -> Result<(), DynamicsError> {
+        let [low, high] = self.ground.scope().q;
+        for i in 0..self.effects.len() {
+            for j in 0..self.effects.len() {
+                let (outer, inner) = (&self.effects[i].0, &self.effects[j].0);
+                let zones = outer.kind.name == "damping_zone" && inner.kind.name == "damping_zone";
+                if i == j || !zones || outer.shape[2] != inner.shape[2] {
+                    continue;
+                }
+                let (from, to) = (inner.shape[0], inner.shape[1]);
+                let inside = |q: f64| outer.shape[0].max(low) < q && q < outer.shape[1].min(high);
+                let mut parted = outer.clone();
+                if inside(from) && to >= high && outer.shape[1] >= high {
+                    parted.shape[1] = from;
+                } else if inside(to) && from <= low && outer.shape[0] <= low {
+                    parted.shape[0] = to;
+                } else {
+                    continue;
+                }
+                parted.shape[3] = inner.shape[3];
+                let (as_was, before) = (self.effects.clone(), self.error()?);
+                self.effects[i].0 = parted;
+                self.relieve()?;
+                self.polish()?;
+                if self.error()? >= before {
+                    self.effects = as_was;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives dampers a relief valve, or takes it away, as the fit to all blocks asks for at the price of two more numbers. By
+    /// that fit, because one fast stroke alone may show a valve, so that no other block can confirm it.
+    fn relieve(&mut self) -> Result<(), DynamicsError> {
+        for i in 0..self.effects.len() {
+            let found = self.effects[i].0.clone();
+            let Some(relief) = found.kind.shape.iter().position(|s| s.2 == Search::Below) else {
+                continue;
+            };
+            let x = self.without(i)?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let fastest = self.ground.scope().fastest();
+            let mut plain = found.clone();
+            plain.used = vec![true, false];
+            plain.shape[relief] = fastest;
+            let mut tried = vec![];
+            if found.used[1] {
+                tried.push(found.clone());
+            } else {
+                for level in LEVELS {
+                    let mut with = found.clone();
+                    with.shape[relief] = level * fastest;
+                    with.used.fill(true);
+                    tried.push(with);
+                }
+            }
+            let Some(without) = self.outcome(&problem, &plain) else {
+                continue;
+            };
+            let price = (2.0 * problem.independent().ln() / problem.independent()).exp();
+            let best = tried
+                .into_iter()
+                .filter_map(|with| {
+                    let outcome = self.outcome(&problem, &with)?;
+                    let fits =
+                        price * outcome.fit < without.fit && outcome.mse < WORSE * without.mse;
+                    fits.then_some((outcome.fit, with))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            self.effects[i].0 = best.map_or(plain, |(_, with)| with);
+        }
+        Ok(())
+    }
+
+    fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
+        Some(self.outcome(problem, found)?.mse)
+    }
+
+    fn outcome(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
+        let columns: Vec<Vec<f64>> = found
+            .series(&self.ground.motion)
+            .iter()
+            .map(|series| self.ground.motion.regressor(series))
+            .collect::<Result<_, _>>()
+            .ok()?;
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        if columns
+            .iter()
+            .any(|column| rms(column) < 1e-9 * rms(&self.ground.y))
+        {
+            return None;
+        }
+        let outcome = problem.complete(&columns)?;
+        signs_hold(found.kind, &found.used, &outcome.theta).then_some(outcome)
+    }
+
+    /// Error of the whole model on held-out blocks.
+    fn error(&self) -> Result<f64, DynamicsError> {
+        let x = self.ground.columns(&self.found())?;
+        let efforts = [self.ground.y.clone()];
+        let problem = Problem::new(&x, &efforts, &self.ground.folds);
+        let alone = problem.complete(&[]);
+        Ok(alone.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
+    }
+
+    /// Columns of the model without effect `i`.
+    fn without(&self, i: usize) -> Result<Vec<Vec<f64>>, DynamicsError> {
+        let mut rest = self.found();
+        rest.remove(i);
+        Ok(self.ground.columns(&rest)?)
+    }
+
+    /// Replaces an early effect where another one now does better in its place.
+    pub(super) fn swap(&mut self) -> Result<(), DynamicsError> {
+        for i in 0..self.effects.len().saturating_sub(1) {
+            let (seen, own) = self.in_place_of(i)?;
+            let Some(seen) = seen else { continue };
+            let here = self.effects[i].0.kind.name;
+            let better = seen.ranked.iter().find(|entry| {
+                let name = entry.kind.name;
+                let there = self.effects.iter().filter(|(f, _)| f.kind.name == name);
+                name != "time_lag"
+                    && name != here
+                    && there.count() < most_of(entry.kind)
+                    && entry.mse < 0.93 * own
+            });
+            if let Some(better) = better {
+                let (as_was, before) = (self.effects.clone(), self.error()?);
+                self.effects[i].0 = better.found(&self.ground);
+                self.refine_all()?;
+                if self.error()? > 0.97 * before {
+                    self.effects = as_was;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What the library offers in place of effect `i`, and the mean square error with it.
+    pub(super) fn in_place_of(&self, i: usize) -> Result<(Option<Look>, f64), DynamicsError> {
+        let x = self.without(i)?;
+        let efforts = vec![self.ground.y.clone()];
+        let problem = Problem::new(&x, &efforts, &self.ground.folds);
+        let own = self
+            .own_mse(&problem, &self.effects[i].0)
+            .unwrap_or(f64::INFINITY);
+        Ok((look(&self.ground, &self.bank, &x, &efforts)?, own))
+    }
+
+    /// Takes dampers that act one way over all of the range for what they are.
+    fn simplify(&mut self) -> Result<(), DynamicsError> {
+        let Some(simple) = kind("asymmetric_viscous") else {
+            return Ok(());
+        };
+        for i in 0..self.effects.len() {
+            let zone = self.effects[i].0.clone();
+            let there = self.effects.iter().any(|(f, _)| f.kind.name == simple.name);
+            if zone.kind.name != "damping_zone" || zone.shape[2] == 0.0 || there {
+                continue;
+            }
+            let x = self.without(i)?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let plain = self.ground.found(simple, vec![zone.shape[2]], vec![true]);
+            let (own, other) = (
+                self.own_mse(&problem, &zone),
+                self.own_mse(&problem, &plain),
+            );
+            let spared = (zone.kind.freedom_of(&zone.used) - plain.kind.freedom()) as f64;
+            let price = (spared * problem.independent().ln() / problem.independent()).exp();
+            if let (Some(own), Some(other)) = (own, other)
+                && other < price * own
+            {
+                self.effects[i].0 = plain;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes out what later effects made superfluous.
+    pub(super) fn prune(&mut self) -> Result<(), DynamicsError> {
+        while self.effects.len() > 1 {
+            let mut least: Option<(usize, f64, f64, f64)> = None;
+            for i in 0..self.effects.len() {
+                let x = self.without(i)?;
+                let efforts = [self.ground.y.clone()];
+                let problem = Problem::new(&x, &efforts, &self.ground.folds);
+                let Some(alone) = problem.alone() else {
+                    continue;
+                };
+                let with = self
+                    .own_mse(&problem, &self.effects[i].0)
+                    .unwrap_or(f64::INFINITY);
+                let size = (alone[0].mse - with).max(0.0).sqrt();
+                if least.as_ref().is_none_or(|old| size < old.1) {
+                    least = Some((i, size, alone[0].mse, with));
+                }
+            }
+            let Some((i, size, alone, with)) = least else {
+                break;
+            };
+            if size >= LEAST_SIZE * self.floor.rms && with < 0.9 * alone {
+                break;
+            }
+            let (gone, _) = self.effects.remove(i);
+            if most_of(gone.kind) == 1 {
+                self.given_up.push(gone.kind.name);
+            }
+            self.refused.push(Refused {
+                name: gone.kind.name,
+                reason: "superfluous beside the effects added later".to_owned(),
+                held_out_rms: [alone.sqrt(), with.min(1e300).sqrt()],
+            });
+            self.refine_all()?;
+        }
+        Ok(())
+    }
+}
