@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::diagnose::{Confirmation, Diagnosis, Evidence, confirm, diagnose, evidence};
+use crate::diagnose::{
+    Confirmation, Diagnosis, Evidence, Refused, confirm, diagnose_without, evidence,
+};
 use crate::dynamics::{
     DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure,
 };
@@ -101,8 +103,7 @@ pub fn analyse_confirmed(
     settings: &MotionSettings,
     others: &[(String, JointSamples)],
 ) -> Result<Analysis, DynamicsError> {
-    let mut diagnosis = diagnose(samples, settings)?;
-    let confirmed = confirm(&mut diagnosis, others, settings)?;
+    let (mut diagnosis, confirmed) = confirmed_diagnosis(samples, settings, others)?;
     let lag = aligned(&mut diagnosis, settings)?;
     let base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
@@ -147,6 +148,38 @@ pub fn analyse_confirmed(
         diagnosis: Some(diagnosis),
     })
 }
+
+/// Looks, asks the other recordings, and looks again without what they refused: something else may stand in its place.
+fn confirmed_diagnosis(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    others: &[(String, JointSamples)],
+) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
+    let mut barred: Vec<&'static str> = Vec::new();
+    let mut earlier: Vec<Refused> = Vec::new();
+    loop {
+        let mut diagnosis = diagnose_without(samples, settings, &barred)?;
+        let known = diagnosis.refused.len();
+        let confirmed = confirm(&mut diagnosis, others, settings)?;
+        let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
+        // Of several dampers one may be too many.
+        refused.retain(|refused| {
+            diagnosis
+                .effects
+                .iter()
+                .all(|e| e.found.kind.name != refused.name)
+        });
+        if refused.is_empty() || barred.len() >= MOST_BARRED {
+            diagnosis.refused.extend(earlier);
+            return Ok((diagnosis, confirmed));
+        }
+        barred.extend(refused.iter().map(|refused| refused.name));
+        earlier.extend(refused);
+    }
+}
+
+/// After so many refusals by other recordings the search is not begun anew.
+const MOST_BARRED: usize = 3;
 
 /// Takes out a lag that was too small to be named.
 fn aligned(

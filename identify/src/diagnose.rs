@@ -21,4 +21,4 @@ mod tidy;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
-pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose};
+pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose, diagnose_without};

@@ -6,6 +6,7 @@ pub mod library;
 pub mod load;
 pub mod measurement;
 pub mod memory;
+pub mod slip;
 
 use crate::least_squares::Bound;
 use crate::motion::{Motion, MotionError};

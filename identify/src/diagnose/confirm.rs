@@ -5,7 +5,7 @@
 
 use super::model::{Found, Ground, in_parallel};
 use super::score::Problem;
-use super::search::{Diagnosis, Refused, fit_found};
+use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::shapes::polished;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, kind};
@@ -82,6 +82,7 @@ pub fn confirm(
     }
     diagnosis.refit()?;
     let mut out = Vec::new();
+    let all = objects(diagnosis);
     for (number, ((file, _, ground), datum)) in grounds.iter().zip(datums).enumerate() {
         let mut pairs = Vec::new();
         for count in 0..diagnosis.effects.len() {
@@ -91,12 +92,13 @@ pub fn confirm(
                 pairs.push(*pair);
                 continue;
             }
+            let columns = with_columns(diagnosis, count).unwrap_or_default();
             pairs.push([
-                error_on(diagnosis, count, ground, datum)?.0,
-                error_on(diagnosis, count + 1, ground, datum)?.0,
+                error_on(diagnosis, &all[..columns], ground, datum)?.0,
+                error_on(diagnosis, &all[..=columns], ground, datum)?.0,
             ]);
         }
-        let last = error_on(diagnosis, diagnosis.effects.len(), ground, datum)?.0;
+        let last = error_on(diagnosis, &all, ground, datum)?.0;
         out.push(Confirmation {
             file: (*file).clone(),
             rms: pairs,
@@ -184,41 +186,41 @@ fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
         .collect()
 }
 
-/// The pair of errors when effect `at` does not help there.
+/// The pair of errors when effect `at` does not help there, beside all others.
 fn holds(
     diagnosis: &Diagnosis,
     at: usize,
     ground: &Ground,
     datum: f64,
 ) -> Result<Option<[f64; 2]>, DynamicsError> {
-    let (before, _) = error_on(diagnosis, at, ground, datum)?;
-    let (after, size) = error_on(diagnosis, at + 1, ground, datum)?;
+    let mut others = objects(diagnosis);
+    let Some(own) = with_columns(diagnosis, at) else {
+        return Ok(None);
+    };
+    let tested = others.remove(own);
+    let mut all = others.clone();
+    all.push(tested.clone());
+    let (before, _) = error_on(diagnosis, &others, ground, datum)?;
+    let (after, size) = error_on(diagnosis, &all, ground, datum)?;
     let gain = before * before - after * after;
-    let promised = diagnosis.effects[at].held_out_rms;
-    let here = (promised[0].powi(2) - promised[1].powi(2)).max(0.0);
-    let expected = here * (size / size_of(diagnosis, at)?.max(1e-12)).powi(2).min(1.0);
+    let model = fit_found(&diagnosis.motion, &all)?;
+    let without = fit_found(&diagnosis.motion, &others)?.held_out_rms;
+    let here = (without.powi(2) - model.held_out_rms.powi(2)).max(0.0);
+    let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
+    let size_here = contribution(&diagnosis.motion, &tested, theta)?;
+    let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
     Ok((gain < LEAST_SHARE * expected || gain <= 0.0).then_some([before, after]))
 }
 
-/// Root mean square effort of effect `at` in the first recording.
-fn size_of(diagnosis: &Diagnosis, at: usize) -> Result<f64, DynamicsError> {
-    let found: Vec<Found> = diagnosis.effects[..=at]
-        .iter()
-        .map(|e| e.found.clone())
-        .collect();
-    let found: Vec<Found> = found
-        .into_iter()
-        .filter(|f| f.kind.name != "time_lag")
-        .collect();
-    let model = fit_found(&diagnosis.motion, &found)?;
-    let Some(last) = found.last() else {
-        return Ok(0.0);
-    };
-    contribution(
-        &diagnosis.motion,
-        last,
-        &model.theta.as_slice()[model.theta.len() - last.terms().count()..],
-    )
+/// Place of effect `at` among those with columns.
+fn with_columns(diagnosis: &Diagnosis, at: usize) -> Option<usize> {
+    let is_column = |effect: &NamedEffect| effect.found.kind.name != "time_lag";
+    is_column(diagnosis.effects.get(at)?).then(|| {
+        diagnosis.effects[..at]
+            .iter()
+            .filter(|e| is_column(e))
+            .count()
+    })
 }
 
 fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, DynamicsError> {
@@ -231,20 +233,14 @@ fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, Dy
     Ok(rms(&sum))
 }
 
-/// Error there of the model with the first `count` effects, and the size of the last of them there.
+/// Error there of the model with the effects `found`, and the size of the last of them there.
 fn error_on(
     diagnosis: &Diagnosis,
-    count: usize,
+    found: &[Found],
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
-    let here = &diagnosis.effects[..count];
-    let found: Vec<Found> = here
-        .iter()
-        .map(|effect| effect.found.clone())
-        .filter(|found| found.kind.name != "time_lag")
-        .collect();
-    let model = fit_found(&diagnosis.motion, &found)?;
+    let model = fit_found(&diagnosis.motion, found)?;
     let mut theta = model.theta.as_slice().iter();
     let mut left = ground.y.clone();
     let mut take = |column: &[f64], theta: f64| {
@@ -257,7 +253,7 @@ fn error_on(
     }
     let mut anew: Vec<Vec<f64>> = Vec::new();
     let mut size = 0.0;
-    for found in &found {
+    for found in found {
         let mut there = Found {
             datum,
             ..found.clone()
@@ -353,9 +349,10 @@ fn datum(diagnosis: &Diagnosis, ground: &Ground) -> Result<f64, DynamicsError> {
         return Ok(0.0);
     }
     let mut best = (0.0, f64::INFINITY);
+    let all = objects(diagnosis);
     for step in -DATUM_STEPS..=DATUM_STEPS {
         let datum = f64::from(step) * DATUM_STEP * ground.scope().range();
-        let (error, _) = error_on(diagnosis, diagnosis.effects.len(), ground, datum)?;
+        let (error, _) = error_on(diagnosis, &all, ground, datum)?;
         if error < 0.995 * best.1 || (error < best.1 && step == 0) {
             best = (datum, error);
         }

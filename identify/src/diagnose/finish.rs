@@ -1,10 +1,12 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
 use super::model::{Found, Ground};
+use super::score::solve;
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Kind, LIBRARY};
+use crate::effect::library::{Kind, kind};
+use crate::least_squares::rms;
 use crate::motion::Motion;
 
 /// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
@@ -12,8 +14,6 @@ const ALIAS: [(&str, &str); 2] = [
     ("constant_load", "asymmetric_coulomb"),
     ("grasp_compliance", "backlash"),
 ];
-/// Terms that are a constant effort.
-const CONSTANTS: [&str; 3] = ["load", "preload", "start"];
 /// Kinds that hold another one as a special case: no alternatives to it.
 const CONTAIN: [(&str, &str); 7] = [
     ("spring", "constant_load"),
@@ -27,6 +27,11 @@ const CONTAIN: [(&str, &str); 7] = [
 
 impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
+        let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
+        self.simplify()?;
+        if self.fit()?.held_out_rms > 1.02 * before {
+            self.effects = as_was;
+        }
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
@@ -91,11 +96,11 @@ impl State {
                 self.lag = None;
                 return self.finish();
             }
-            let Some(kind) = crate::effect::library::kind("time_lag") else {
+            let Some(time_lag) = kind("time_lag") else {
                 unreachable!("the library has a time lag")
             };
             let effect = NamedEffect {
-                found: self.ground.found(kind, Vec::new(), vec![true]),
+                found: self.ground.found(time_lag, Vec::new(), vec![true]),
                 held_out_rms,
                 p_value,
                 ambiguous_with: Vec::new(),
@@ -136,22 +141,53 @@ impl State {
             .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
             .map(|entry| ambiguity(entry.kind))
             .collect();
-        // Whatever has a constant of its own may hold one of another cause.
-        let holds_constant = found.terms().any(|term| CONSTANTS.contains(&term.0));
-        for hidden in LIBRARY
-            .into_iter()
-            .filter(|kind| holds_constant && [ALIAS[0].0, ALIAS[0].1].contains(&kind.name))
-        {
-            let there = |other: &str| other == hidden.name;
-            let listed = alike.iter().any(|a| there(a.name))
-                || self.effects.iter().any(|(f, _)| there(f.kind.name));
-            if !listed {
+        for hidden in self.hidden_in(i)? {
+            if alike.iter().all(|a| a.name != hidden.name) {
                 alike.push(ambiguity(hidden));
             }
         }
         Ok(alike)
     }
 }
+
+impl State {
+    /// Causes of a constant effort that are not in the model, but hide in effect `i`: what its columns leave of theirs is
+    /// too little to be seen.
+    fn hidden_in(&self, i: usize) -> Result<Vec<&'static Kind>, DynamicsError> {
+        let all = self.ground.columns(&self.found())?;
+        let without = self.without(i)?;
+        let base = self.ground.columns(&[])?;
+        let own = |x: &[Vec<f64>], column: &[f64]| {
+            let theta = solve(x, column).unwrap_or_default();
+            let mut left = column.to_vec();
+            for (x, theta) in x.iter().zip(&theta) {
+                for (left, value) in left.iter_mut().zip(x) {
+                    *left -= theta * value;
+                }
+            }
+            rms(&left)
+        };
+        let mut out = Vec::new();
+        for hidden in [ALIAS[0].0, ALIAS[0].1].into_iter().filter_map(kind) {
+            if self.effects.iter().any(|(f, _)| f.kind.name == hidden.name) {
+                continue;
+            }
+            let shape = (hidden.grid)(&self.ground.scope()).into_iter().next();
+            let columns = self.ground.columns_of(hidden, &shape.unwrap_or_default())?;
+            let Some(column) = columns.first() else {
+                continue;
+            };
+            let [beside_all, beside_others] = [&all, &without].map(|x| own(x, column));
+            if beside_all < HIDDEN * own(&base, column) && beside_others > 2.0 * beside_all {
+                out.push(hidden);
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Share of a column that must stay its own to be seen.
+const HIDDEN: f64 = 0.3;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back what explains too little beside
 /// all others to be sure of its name, and curves that several others could make up as well.
@@ -161,38 +197,36 @@ fn drop_doubtful(
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
-    while effects
-        .last()
-        .is_some_and(|last| last.held_out_rms[1] > EXPLAINED_BELOW * floor)
-    {
-        let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-        let after = fit_found(&ground.motion, &all)?.held_out_rms;
-        let curves = all.iter().filter(|f| CURVES.contains(&f.kind.name)).count();
-        let mut least: Option<(usize, f64)> = None;
-        for (i, found) in all.iter().enumerate() {
-            let mut others = all.clone();
-            others.remove(i);
-            let before = fit_found(&ground.motion, &others)?.held_out_rms;
-            let share = 1.0 - (after / before).powi(2);
-            let curve = CURVES.contains(&found.kind.name);
-            let sure = if curve { SURE_CURVE } else { SURE };
-            let doubtful = share < sure || curve && curves > 1;
-            if doubtful && least.is_none_or(|old| share < old.1) {
-                least = Some((i, share));
-            }
+    let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+    let after = fit_found(&ground.motion, &all)?.held_out_rms;
+    if after <= EXPLAINED_BELOW * floor {
+        return Ok(());
+    }
+    let is_curve = |found: &Found| CURVES.contains(&found.kind.name);
+    let curves = all.iter().filter(|found| is_curve(found)).count();
+    let mut kept = Vec::new();
+    for (i, effect) in effects.drain(..).enumerate() {
+        let mut others = all.clone();
+        others.remove(i);
+        let before = fit_found(&ground.motion, &others)?.held_out_rms;
+        let share = 1.0 - (after / before).powi(2);
+        let curve = is_curve(&effect.found);
+        let sure = if curve { SURE_CURVE } else { SURE };
+        if share < sure || curve && curves > 1 {
+            let name = effect.found.kind.name;
+            refused.push(doubt(name, share, [before, after], floor));
+        } else {
+            kept.push(effect);
         }
-        let Some((i, share)) = least else { break };
-        let gone = effects.remove(i);
-        let before = after / (1.0 - share).max(1e-12).sqrt();
-        refused.push(doubt(gone.found.kind.name, share, [before, after], floor));
-        let mut found: Vec<Found> = Vec::new();
-        let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
-        for effect in effects.iter_mut() {
-            found.push(effect.found.clone());
-            let after = fit_found(&ground.motion, &found)?.held_out_rms;
-            effect.held_out_rms = [before, after];
-            before = after;
-        }
+    }
+    *effects = kept;
+    let mut found: Vec<Found> = Vec::new();
+    let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
+    for effect in effects.iter_mut() {
+        found.push(effect.found.clone());
+        let after = fit_found(&ground.motion, &found)?.held_out_rms;
+        effect.held_out_rms = [before, after];
+        before = after;
     }
     Ok(())
 }

@@ -21,7 +21,8 @@ pub(super) fn most_of(kind: &Kind) -> usize {
 }
 
 impl State {
-    /// The first that passes every gate, or a simpler one that is as good.
+    /// The first that passes every gate, or a simpler one that is as good. A damper's edges and valve may show later only: whether
+    /// it needs them is asked at the end.
     pub(super) fn choose(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
         let mut turned_down = Vec::new();
         let mut choice: Option<Ranked> = None;
@@ -29,6 +30,7 @@ impl State {
             let as_good = choice.as_ref().is_none_or(|best| {
                 entry.score > best.score - (0.03 * best.score).max(4.0)
                     && entry.kind.freedom() < best.kind.freedom()
+                    && best.kind.name != "damping_zone"
             });
             if !as_good {
                 continue;

@@ -4,6 +4,7 @@ use super::model::{Candidate, Found, Ground, friction_holds, in_parallel, signs_
 use super::score::Problem;
 use super::shapes::polished;
 use crate::effect::library::{Kind, Search};
+use crate::least_squares::rms;
 use crate::motion::MotionError;
 
 /// The best of one kind beside the current model.
@@ -124,21 +125,23 @@ fn outcomes(
     columns: &[Vec<f64>],
     efforts: usize,
 ) -> Option<(Vec<bool>, Vec<super::score::Outcome>)> {
-    let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    if let Some(found) = problem.with(&all, efforts) {
-        return Some((vec![true; all.len()], found));
-    }
-    (0..all.len())
-        .rev()
-        .filter(|_| all.len() > 1)
-        .find_map(|out| {
-            let used: Vec<bool> = (0..all.len()).map(|i| i != out).collect();
-            let some: Vec<&[f64]> = (0..all.len())
-                .filter(|i| *i != out)
-                .map(|i| all[i])
-                .collect();
-            Some((used, problem.with(&some, efforts)?))
-        })
+    let there: Vec<bool> = columns.iter().map(|column| rms(column) > 1e-12).collect();
+    let try_with = |used: Vec<bool>| {
+        let some = columns.iter().zip(&used).filter(|(_, used)| **used);
+        let some: Vec<&[f64]> = some.map(|(column, _)| column.as_slice()).collect();
+        Some((used, problem.with(&some, efforts)?))
+    };
+    try_with(there.clone()).or_else(|| {
+        let several = there.iter().filter(|there| **there).count() > 1;
+        (0..there.len())
+            .rev()
+            .filter(|&out| several && there[out])
+            .find_map(|out| {
+                let mut used = there.clone();
+                used[out] = false;
+                try_with(used)
+            })
+    })
 }
 
 /// Half the number of independent samples times the log ratio of the errors, less half a log of it for each free number.

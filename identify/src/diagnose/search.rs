@@ -82,7 +82,22 @@ pub fn diagnose(
     samples: &JointSamples,
     settings: &MotionSettings,
 ) -> Result<Diagnosis, DynamicsError> {
+    diagnose_without(samples, settings, &[])
+}
+
+/// As [`diagnose`], without the effects named in `barred`: those that other recordings have refused.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn diagnose_without(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+) -> Result<Diagnosis, DynamicsError> {
     let mut state = State::new(samples.clone(), *settings)?;
+    state
+        .bank
+        .retain(|candidate| !barred.contains(&candidate.kind.name));
     for _ in 0..2 * MOST_EFFECTS {
         if !state.step()? {
             break;
@@ -163,7 +178,7 @@ impl State {
             .collect()
     }
 
-    fn fit(&self) -> Result<EffortModel, DynamicsError> {
+    pub(super) fn fit(&self) -> Result<EffortModel, DynamicsError> {
         fit_found(&self.ground.motion, &self.found())
     }
 
@@ -189,8 +204,7 @@ impl State {
         let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
             return Ok(false);
         };
-        let choice = self.choose(&seen);
-        let Some((choice, p_value)) = choice else {
+        let Some((choice, p_value)) = self.choose(&seen) else {
             return Ok(false);
         };
         if choice.kind.name == "time_lag" {
@@ -228,7 +242,14 @@ impl State {
 
     pub(super) fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
         self.ground = Ground::of(Motion::prepare(&samples, &self.settings)?)?;
-        self.bank = bank(&self.ground)?;
+        let known: Vec<&str> = self
+            .bank
+            .iter()
+            .map(|candidate| candidate.kind.name)
+            .collect();
+        let mut bank = bank(&self.ground)?;
+        bank.retain(|candidate| known.contains(&candidate.kind.name));
+        self.bank = bank;
         self.samples = samples;
         Ok(())
     }

@@ -13,11 +13,26 @@ use crate::least_squares::rms;
 impl State {
     /// Shapes of all effects once more, together.
     pub(super) fn refine_all(&mut self) -> Result<(), DynamicsError> {
-        self.relieve()?;
+        self.unless_worse(Self::relieve)?;
         self.polish()?;
         self.part()?;
-        self.relieve()?;
-        self.simplify()
+        self.unless_worse(Self::relieve)
+    }
+
+    /// Does it, and takes it back when the whole model then errs more.
+    fn unless_worse(
+        &mut self,
+        change: impl FnOnce(&mut Self) -> Result<(), DynamicsError>,
+    ) -> Result<(), DynamicsError> {
+        if self.effects.is_empty() {
+            return Ok(());
+        }
+        let (as_was, before) = (self.effects.clone(), self.error()?);
+        change(self)?;
+        if self.error()? > 1.01 * before {
+            self.effects = as_was;
+        }
+        Ok(())
     }
 
     fn polish(&mut self) -> Result<(), DynamicsError> {
@@ -108,25 +123,28 @@ impl State {
     }
 
     fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
-        Some(self.outcome(problem, found)?.mse)
+        Some(self.beside(problem, found)?.mse)
     }
 
+    /// The model of `problem` with `found`, when its terms have the signs of physics.
     fn outcome(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
+        let outcome = self.beside(problem, found)?;
+        signs_hold(found.kind, &found.used, &outcome.theta).then_some(outcome)
+    }
+
+    fn beside(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
         let columns: Vec<Vec<f64>> = found
             .series(&self.ground.motion)
             .iter()
             .map(|series| self.ground.motion.regressor(series))
             .collect::<Result<_, _>>()
             .ok()?;
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        if columns
-            .iter()
-            .any(|column| rms(column) < 1e-9 * rms(&self.ground.y))
-        {
+        let least = 1e-9 * rms(&self.ground.y);
+        if columns.iter().any(|column| rms(column) < least) {
             return None;
         }
-        let outcome = problem.complete(&columns)?;
-        signs_hold(found.kind, &found.used, &outcome.theta).then_some(outcome)
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        problem.complete(&columns)
     }
 
     /// Error of the whole model on held-out blocks.
@@ -139,13 +157,13 @@ impl State {
     }
 
     /// Columns of the model without effect `i`.
-    fn without(&self, i: usize) -> Result<Vec<Vec<f64>>, DynamicsError> {
+    pub(super) fn without(&self, i: usize) -> Result<Vec<Vec<f64>>, DynamicsError> {
         let mut rest = self.found();
         rest.remove(i);
         Ok(self.ground.columns(&rest)?)
     }
 
-    /// Replaces an early effect where another one now does better in its place.
+    /// Replaces effects where others now do better in their places.
     pub(super) fn swap(&mut self) -> Result<(), DynamicsError> {
         for i in 0..self.effects.len().saturating_sub(1) {
             let (seen, own) = self.in_place_of(i)?;
@@ -183,14 +201,19 @@ impl State {
     }
 
     /// Takes dampers that act one way over all of the range for what they are.
-    fn simplify(&mut self) -> Result<(), DynamicsError> {
+    pub(super) fn simplify(&mut self) -> Result<(), DynamicsError> {
         let Some(simple) = kind("asymmetric_viscous") else {
             return Ok(());
         };
         for i in 0..self.effects.len() {
             let zone = self.effects[i].0.clone();
+            if zone.kind.name != "damping_zone" || zone.shape[2] == 0.0 {
+                continue;
+            }
+            let same_way = |f: &Found| f.kind.name == zone.kind.name && f.shape[2] == zone.shape[2];
+            let alone = self.effects.iter().filter(|(f, _)| same_way(f)).count() == 1;
             let there = self.effects.iter().any(|(f, _)| f.kind.name == simple.name);
-            if zone.kind.name != "damping_zone" || zone.shape[2] == 0.0 || there {
+            if there || !alone {
                 continue;
             }
             let x = self.without(i)?;

@@ -9,7 +9,7 @@ use crate::motion::Motion;
 use crate::samples::extrema;
 use crate::screw::JointKind;
 
-use super::{damping, friction, load, measurement, memory};
+use super::{damping, friction, load, measurement, memory, slip};
 
 /// Whether an effect is a property of the object, or of one recording (its constants are then fitted anew).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -230,7 +230,7 @@ impl<'a> Scope<'a> {
 }
 
 /// All effects, simple ones before those that contain them.
-pub const LIBRARY: [&Kind; 20] = [
+pub const LIBRARY: [&Kind; 21] = [
     &load::CONSTANT_LOAD,
     &load::SPRING,
     &load::GRAVITY,
@@ -251,6 +251,7 @@ pub const LIBRARY: [&Kind; 20] = [
     &measurement::PAYLOAD_SWITCH,
     &measurement::SENSOR_DRIFT,
     &measurement::GRASP_COMPLIANCE,
+    &slip::SLIP,
 ];
 
 /// The effect of that name.

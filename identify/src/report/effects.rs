@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::analysis::Analysis;
 use crate::diagnose::{Evidence, Found, NamedEffect};
 use crate::dynamics::{EffortModel, Term};
-use crate::effect::library::Belongs;
+use crate::effect::library::{Belongs, Search, Unit};
 use crate::screw::JointKind;
 
 /// An effect that was added, as written.
@@ -160,7 +160,12 @@ fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize
         });
         *at += 1;
     }
+    let all_used = found.used.iter().all(|used| *used);
     for (shape, value) in found.kind.shape.iter().zip(&found.shape) {
+        // A relief that no term asks for, an instant at which nothing happens.
+        if !all_used && (shape.2 == Search::Below || shape.1 == Unit::Time && *value < 0.0) {
+            continue;
+        }
         out.push(Term {
             name: shape.0.to_owned(),
             value: Some(*value),
