@@ -141,6 +141,7 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     };
     let main = recorded("main.mcap", &draw.main, seed)?;
     let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1)?;
+    #[allow(clippy::disallowed_methods, reason = "a stopwatch")]
     let started = Instant::now();
     let report = identified(&main, options.confirm.then_some(confirm))?;
     let seconds = started.elapsed().as_secs_f64();
