@@ -80,6 +80,15 @@ pub struct Analysis {
     pub series: FitSeries,
 }
 
+impl Analysis {
+    /// Smallest and largest velocity that the fit saw, rad/s or m/s.
+    #[must_use]
+    pub fn speeds(&self) -> [f64; 2] {
+        let (slowest, fastest) = crate::samples::extrema(&self.series.dq);
+        [slowest, fastest]
+    }
+}
+
 /// Above so many times the floor a held-out residual counts as unexplained.
 pub const EXPLAINED_BELOW: f64 = 1.15;
 

@@ -18,6 +18,9 @@ pub use native::Native;
 pub use scene::Scene;
 pub use table::Table;
 
+use crate::error::IdentifyError;
+use crate::least_squares::FitError;
+use crate::output::refuse_existing;
 use crate::twin::{Evaluator, Twin};
 
 /// A format.
@@ -42,20 +45,18 @@ pub enum ExportError {
         "the twin has no inertia: it was not identifiable; probe with fast strokes and identify again, or export `onnx`, which needs none"
     )]
     NoInertia,
-    /// A file of an earlier export is there.
-    #[error("{} exists: choose another directory with -o, or replace it with --force", path.display())]
-    Exists {
-        /// The file.
-        path: PathBuf,
+    /// Its efforts are no numbers.
+    #[error("the twin's efforts cannot be fitted: {0}")]
+    Fit(#[from] FitError),
+    /// The name is that of the frame.
+    #[error("`{name}` is the name of the twin's frame (or `world`): choose another with --name")]
+    Name {
+        /// The name.
+        name: String,
     },
-    /// A file cannot be written.
-    #[error("cannot write {}: {source}; check that the directory exists and has room", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    /// A file is there already, or cannot be written.
+    #[error(transparent)]
+    Output(#[from] IdentifyError),
     /// The table cannot be put into JSON.
     #[error("the table of the mechanism cannot be written: {0}")]
     Json(#[from] serde_json::Error),
@@ -72,32 +73,72 @@ pub struct Exported {
     pub table_error: f64,
 }
 
-/// Writes `name.*` into `directory`, which is made when it is not there.
+/// Writes `name.*` into `directory`, which is made when it is not there; nothing is written when one of the files is there and
+/// `force` is not set.
 ///
 /// # Errors
 /// [`ExportError`].
 pub fn export(
     twin: &Twin,
-    target: Target,
+    targets: &[Target],
     directory: &Path,
     name: &str,
     force: bool,
-) -> Result<Exported, ExportError> {
+) -> Result<Vec<Exported>, ExportError> {
+    if name == "world" || name == twin.joint.frame {
+        return Err(ExportError::Name {
+            name: name.to_owned(),
+        });
+    }
+    let parts: Vec<Parts> = targets
+        .iter()
+        .map(|target| parts(twin, *target, name))
+        .collect::<Result<_, _>>()?;
+    let names: Vec<&str> = parts
+        .iter()
+        .flat_map(|(texts, ..)| texts.iter().map(|(file, _)| file.as_str()))
+        .collect();
+    refuse_existing(directory, &names, force)?;
+    std::fs::create_dir_all(directory).map_err(|source| IdentifyError::Write {
+        path: directory.to_owned(),
+        source,
+    })?;
+    let mut all = Vec::new();
+    for (texts, native, table_error) in parts {
+        let mut files = Vec::new();
+        for (file, bytes) in texts {
+            let path = directory.join(file);
+            std::fs::write(&path, bytes).map_err(|source| IdentifyError::Write {
+                path: path.clone(),
+                source,
+            })?;
+            files.push(path);
+        }
+        all.push(Exported {
+            files,
+            native,
+            table_error,
+        });
+    }
+    Ok(all)
+}
+
+fn parts(twin: &Twin, target: Target, name: &str) -> Result<Parts, ExportError> {
     let evaluator = twin.evaluator();
     if target != Target::Onnx && evaluator.inertia() <= 0.0 {
         return Err(ExportError::NoInertia);
     }
-    let (texts, native, table_error) = match target {
+    match target {
         Target::Onnx => {
             let table = Table::of(&evaluator, &Native::none());
             let error = table.error(&evaluator, &Native::none());
             let bytes = onnx::model(&table, twin);
-            (vec![(format!("{name}.onnx"), bytes)], None, error)
+            Ok((vec![(format!("{name}.onnx"), bytes)], None, error))
         }
         Target::Mjcf => beside(
             twin,
             &evaluator,
-            Native::polynomial(&evaluator),
+            Native::polynomial(&evaluator)?,
             |native, scene| {
                 vec![
                     (
@@ -107,52 +148,48 @@ pub fn export(
                     (format!("{name}_passive.py"), mjcf::callback(name)),
                 ]
             },
-        )?,
+        ),
         Target::Urdf => beside(
             twin,
             &evaluator,
-            Native::friction(&evaluator),
+            Native::friction(&evaluator)?,
             |native, scene| {
                 vec![(
                     format!("{name}.urdf"),
                     urdf::document(name, twin, native, scene),
                 )]
             },
-        )?,
+        ),
         Target::Usd => beside(
             twin,
             &evaluator,
-            Native::spring(&evaluator),
+            Native::spring(&evaluator)?,
             |native, scene| {
                 vec![(
                     format!("{name}.usda"),
                     usd::document(name, twin, native, scene),
                 )]
             },
-        )?,
-    };
-    let mut files = Vec::new();
-    for (file, _) in &texts {
-        let path = directory.join(file);
-        if path.exists() && !force {
-            return Err(ExportError::Exists { path });
-        }
-        files.push(path);
+        ),
     }
-    std::fs::create_dir_all(directory).map_err(|source| ExportError::Write {
-        path: directory.to_owned(),
-        source,
-    })?;
-    for (path, (_, bytes)) in files.iter().zip(&texts) {
-        std::fs::write(path, bytes).map_err(|source| ExportError::Write {
-            path: path.clone(),
-            source,
-        })?;
+}
+
+/// The name of a frame as an identifier of USD and URDF.
+fn identifier(frame: &str) -> String {
+    let mut out: String = frame
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
+        .collect();
+    if !out.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        out.insert(0, '_');
     }
-    Ok(Exported {
-        files,
-        native,
-        table_error,
+    out
+}
+
+/// How far joint attributes are from the twin, for a comment.
+fn percent(native: &Native) -> String {
+    native.relative_error.map_or("wholly".to_owned(), |error| {
+        format!("{:.1} %", 100.0 * error)
     })
 }
 

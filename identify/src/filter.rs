@@ -270,7 +270,7 @@ pub fn decimate(series: &[f64], factor: usize) -> Result<Vec<f64>, FilterError> 
 }
 
 /// Every `factor`-th sample, the last among them.
-pub fn every<T>(series: &[T], factor: usize) -> impl Iterator<Item = &T> {
+pub(crate) fn every<T>(series: &[T], factor: usize) -> impl Iterator<Item = &T> {
     series
         .iter()
         .skip(series.len().saturating_sub(1) % factor)

@@ -212,6 +212,7 @@ fn identify_with(
             effort.axis.kind,
             Some(&effort.axis),
             report.joint.q_range,
+            analysis.speeds(),
             &analysis.full,
             provenance,
         )
@@ -260,6 +261,7 @@ pub fn identified_table(
         samples.kind,
         None,
         analysis.q_range,
+        analysis.speeds(),
         &analysis.full,
         provenance,
     )

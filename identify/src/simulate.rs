@@ -7,7 +7,8 @@
 mod demand;
 mod page;
 
-use crate::twin::{Evaluator, Outside};
+use crate::screw::JointKind;
+use crate::twin::Evaluator;
 
 pub use demand::{Demand, Opening, demand};
 pub use page::{page, said};
@@ -35,16 +36,24 @@ pub enum SimulateError {
     )]
     NoInertia,
     /// The twin knows nothing there.
-    #[error(
-        "{from:.3} lies outside the range {low:.3} to {high:.3} in which the twin was probed; release within it"
-    )]
+    #[error("{} lies outside the range {} to {} in which the twin was probed; choose a place within it", shown(*.kind, *.place), shown(*.kind, *.low), shown(*.kind, *.high))]
     Outside {
+        /// Revolute or prismatic.
+        kind: JointKind,
         /// Asked for, rad or m.
-        from: f64,
+        place: f64,
         /// Probed range, rad or m.
         low: f64,
         /// Probed range, rad or m.
         high: f64,
+    },
+    /// So little inertia against so much damping takes too many steps.
+    #[error(
+        "the inertia of {inertia:e} is too small against the damping to be simulated; it is likely below its own error, see the twin's covariance"
+    )]
+    TooLight {
+        /// kg m^2 or kg.
+        inertia: f64,
     },
     /// The step or the longest time is not above 0, or there would be more than ten million steps.
     #[error(
@@ -76,12 +85,26 @@ pub enum End {
         /// Where, rad or m.
         q: f64,
     },
+    /// It went beyond the range of the joint, where the twin knows nothing.
+    Left {
+        /// Time since the release, s.
+        time: f64,
+        /// Where, rad or m.
+        q: f64,
+    },
     /// Still moving after the longest time.
     Moving {
         /// Where, rad or m.
         q: f64,
     },
 }
+
+/// Time between the states that a [`Swing`] keeps, s.
+const PLOTTED: f64 = 0.01;
+/// Most steps of one motion.
+const MOST_STEPS: usize = 10_000_000;
+/// Step over the time in which damping takes up a motion; Runge and Kutta's method is stable up to 2.78.
+const STABLE: f64 = 0.5;
 
 /// A motion after a release.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,34 +121,38 @@ pub struct Swing {
     pub beyond_probed_speed: f64,
 }
 
-/// Lets the joint go.
+/// Lets the joint go. `ends` is the range of the joint as far as it is known ([`crate::twin::TwinJoint::q_range`]): there are no
+/// stops in a twin, and a motion that leaves it ends.
 ///
 /// # Errors
 /// [`SimulateError`].
-pub fn release(twin: &Evaluator, how: &Release) -> Result<Swing, SimulateError> {
-    let [low, high] = twin.domain().q;
+pub fn release(twin: &Evaluator, ends: [f64; 2], how: &Release) -> Result<Swing, SimulateError> {
+    let [low, high] = ends;
     let slack = 1e-6 + 0.01 * (high - low);
-    if !(how.from >= low - slack && how.from <= high + slack) {
-        return Err(SimulateError::Outside {
-            from: how.from,
-            low,
-            high,
-        });
+    let within = |place: f64| place >= low - slack && place <= high + slack;
+    for place in [how.from, how.until] {
+        if !within(place) {
+            return Err(SimulateError::Outside {
+                kind: twin.kind(),
+                place,
+                low,
+                high,
+            });
+        }
     }
     if twin.inertia() <= 0.0 {
         return Err(SimulateError::NoInertia);
     }
     let count = how.longest / how.step;
-    if !(how.step > 0.0 && count > 0.0 && count <= 1e7) {
+    if !(how.step > 0.0 && count > 0.0 && count <= MOST_STEPS as f64) {
         return Err(SimulateError::Steps {
             step: how.step,
             longest: how.longest,
         });
     }
-    let every = ((0.01 / how.step) as usize).max(1);
     let side = (how.from - how.until).signum();
     let mut state = [how.from, 0.0];
-    let (mut time, mut beyond, mut steps) = (0.0, 0_usize, 0_usize);
+    let (mut time, mut beyond, mut steps) = (0.0, 0.0, 0_usize);
     let mut swing = Swing {
         time: vec![0.0],
         q: vec![how.from],
@@ -142,7 +169,8 @@ pub fn release(twin: &Evaluator, how: &Release) -> Result<Swing, SimulateError> 
         } else {
             state[1].signum()
         };
-        let mut taken = how.step;
+        let damping = twin.gradient(state[0], state[1] + 1e-9 * direction)[1].abs();
+        let mut taken = how.step.min(STABLE * twin.inertia() / damping.max(1e-12));
         let mut next = advance(twin, state, direction, taken);
         if next[1] * direction < 0.0 {
             // It turns inside the step: up to there, then at rest.
@@ -163,8 +191,19 @@ pub fn release(twin: &Evaluator, how: &Release) -> Result<Swing, SimulateError> 
         state = next;
         time += taken;
         steps += 1;
-        beyond += usize::from(twin.outside(state[0], state[1]) == Some(Outside::Velocity));
-        if steps.is_multiple_of(every) {
+        let [slowest, fastest] = twin.domain().dq;
+        if state[1] < slowest || state[1] > fastest {
+            beyond += taken;
+        }
+        if !within(state[0]) {
+            break End::Left { time, q: state[0] };
+        }
+        if steps >= MOST_STEPS {
+            return Err(SimulateError::TooLight {
+                inertia: twin.inertia(),
+            });
+        }
+        if time >= swing.time.last().copied().unwrap_or(0.0) + PLOTTED {
             swing.push(time, state);
         }
         if time >= how.longest {
@@ -173,7 +212,7 @@ pub fn release(twin: &Evaluator, how: &Release) -> Result<Swing, SimulateError> 
     };
     swing.push(time, state);
     swing.end = end;
-    swing.beyond_probed_speed = beyond as f64 / steps.max(1) as f64;
+    swing.beyond_probed_speed = beyond / f64::max(time, f64::MIN_POSITIVE);
     Ok(swing)
 }
 
@@ -182,6 +221,14 @@ impl Swing {
         self.time.push(time);
         self.q.push(q);
         self.dq.push(dq);
+    }
+}
+
+/// A place with its unit, degrees for an angle.
+fn shown(kind: JointKind, place: f64) -> String {
+    match kind {
+        JointKind::Revolute => format!("{:.1} deg", place.to_degrees()),
+        JointKind::Prismatic => format!("{place:.3} m"),
     }
 }
 
@@ -218,6 +265,8 @@ mod tests {
     use super::*;
     use crate::twin::Twin;
 
+    const ENDS: [f64; 2] = [-2.0, 2.0];
+
     /// `I ddq + mu sgn(dq) + b dq + k q`, from the fields of a twin's file.
     fn twin(inertia: f64, coulomb: f64, viscous: f64, stiffness: f64) -> Evaluator {
         let text = serde_json::json!({
@@ -252,7 +301,7 @@ mod tests {
     #[test]
     fn a_spring_swings_a_quarter_period_to_its_middle() {
         let (inertia, stiffness) = (2.0, 8.0);
-        let swing = release(&twin(inertia, 0.0, 0.0, stiffness), &how(1.0, 0.0)).unwrap();
+        let swing = release(&twin(inertia, 0.0, 0.0, stiffness), ENDS, &how(1.0, 0.0)).unwrap();
         let End::Arrived { time, speed } = swing.end else {
             panic!("{:?}", swing.end)
         };
@@ -267,7 +316,7 @@ mod tests {
     #[test]
     fn dry_friction_takes_the_same_from_every_half_swing_and_then_holds() {
         // Each half swing loses 2 mu / k = 0.1; from 0.95 the turns are -0.85, 0.75, ... until |q| <= mu / k = 0.05.
-        let swing = release(&twin(2.0, 0.4, 0.0, 8.0), &how(0.97, -1.9)).unwrap();
+        let swing = release(&twin(2.0, 0.4, 0.0, 8.0), ENDS, &how(0.97, -1.9)).unwrap();
         let End::Held { time, q } = swing.end else {
             panic!("{:?}", swing.end)
         };
@@ -278,15 +327,37 @@ mod tests {
 
     #[test]
     fn a_joint_at_rest_within_friction_stays() {
-        let swing = release(&twin(2.0, 5.0, 0.0, 8.0), &how(0.5, 0.0)).unwrap();
+        let swing = release(&twin(2.0, 5.0, 0.0, 8.0), ENDS, &how(0.5, 0.0)).unwrap();
         assert_eq!(swing.end, End::Held { time: 0.0, q: 0.5 });
     }
 
     #[test]
+    fn a_load_that_opens_takes_the_joint_out_of_its_range() {
+        let swing = release(&twin(2.0, 0.0, 0.0, -8.0), ENDS, &how(0.5, 0.0)).unwrap();
+        let End::Left { q, .. } = swing.end else {
+            panic!("{:?}", swing.end)
+        };
+        assert!((q - 2.04).abs() < 0.01, "{q}");
+    }
+
+    #[test]
+    fn light_joints_are_damped_and_not_shaken_by_the_step() {
+        // Inertia / damping is 0.1 ms: it follows k q + b dq = 0 but for the start, exp(-k t / b).
+        let swing = release(&twin(2e-4, 0.0, 2.0, 8.0), ENDS, &how(1.0, 0.1)).unwrap();
+        let End::Arrived { time, .. } = swing.end else {
+            panic!("{:?}", swing.end)
+        };
+        assert!((time - 0.25 * 10.0_f64.ln()).abs() < 1e-3, "{time}");
+        let error = release(&twin(1e-12, 0.0, 2.0, 8.0), ENDS, &how(1.0, 0.1)).unwrap_err();
+        assert!(matches!(error, SimulateError::TooLight { .. }), "{error}");
+    }
+
+    #[test]
     fn refusals_say_what_to_do() {
-        let ask = |twin: &Evaluator, how: Release| release(twin, &how).unwrap_err().to_string();
+        let ask =
+            |twin: &Evaluator, how: Release| release(twin, ENDS, &how).unwrap_err().to_string();
         let good = twin(2.0, 0.0, 0.0, 8.0);
-        assert!(ask(&good, how(3.0, 0.0)).contains("-2.000 to 2.000"));
+        assert!(ask(&good, how(3.0, 0.0)).contains("-114.6 deg to 114.6 deg"));
         assert!(ask(&twin(0.0, 0.0, 0.0, 8.0), how(1.0, 0.0)).contains("no inertia"));
         let endless = Release {
             step: 0.0,

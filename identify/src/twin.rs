@@ -3,6 +3,7 @@
 //! The effort at a state is `I ddq + mu sgn(dq) + b dq`, the added effects, and `g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
 //! [`Twin::in_frame`] and [`Twin::in_coordinate`] re-express it (the paper's twin assembly) without changing the effort.
 
+mod check;
 mod evaluator;
 
 pub use evaluator::{Evaluator, Outside, Terms};
@@ -30,6 +31,20 @@ pub enum TwinError {
     Schema {
         /// The file's.
         found: String,
+    },
+    /// A number that no joint has.
+    #[error("not a twin: the number {number} is beyond anything that a joint has, in SI units")]
+    Large {
+        /// The number.
+        number: String,
+    },
+    /// An effect that this program cannot evaluate.
+    #[error(
+        "the twin has an effect `{name}`, which this program does not know; use the program that wrote it, or a newer one"
+    )]
+    Effect {
+        /// Its name.
+        name: String,
     },
     /// Numbers that do not fit together.
     #[error("not a whole twin: {what}")]
@@ -164,12 +179,14 @@ pub struct Source {
 }
 
 impl Twin {
-    /// A twin of a joint and its effort model; `axis` is nothing for a table.
+    /// A twin of a joint and its effort model; `axis` is nothing for a table, `speeds` are the smallest and largest
+    /// velocity that the fit saw.
     #[must_use]
     pub fn new(
         kind: JointKind,
         axis: Option<&ScrewAxis>,
         q_range: [f64; 2],
+        speeds: [f64; 2],
         model: &EffortModel,
         provenance: Provenance,
     ) -> Self {
@@ -177,7 +194,7 @@ impl Twin {
         let domain = model.mechanism.as_ref().map_or(
             Domain {
                 q: q_range,
-                dq: [0.0, 0.0],
+                dq: speeds,
             },
             |m| m.domain.clone(),
         );
@@ -231,6 +248,12 @@ impl Twin {
         let axis = self.axis()?;
         // From the twin's coordinate of the recording's 0 back to its own 0.
         Some(axis.motion(-joint.coordinate.offset) * Point3::from(joint.tool_position?))
+    }
+
+    /// Effects that an evaluation leaves out: those with memory, which are no function of the state.
+    pub fn left_out(&self) -> impl Iterator<Item = &str> {
+        let without = self.effects.iter().filter(|effect| !effect.memoryless);
+        without.map(|effect| effect.name.as_str())
     }
 
     /// Distance of the tool from the axis of a turning joint, m; nothing for a slide or a table.
@@ -305,54 +328,14 @@ impl Twin {
     /// # Errors
     /// [`TwinError`].
     pub fn from_json(text: &str) -> Result<Self, TwinError> {
-        let twin: Self = serde_json::from_str(text).map_err(TwinError::Json)?;
+        let value: serde_json::Value = serde_json::from_str(text).map_err(TwinError::Json)?;
+        check::size(&value)?;
+        let twin: Self = serde_json::from_value(value).map_err(TwinError::Json)?;
         if twin.schema != SCHEMA {
             return Err(TwinError::Schema { found: twin.schema });
         }
-        twin.check()?;
+        check::content(&twin)?;
         Ok(twin)
-    }
-
-    /// What evaluation and export rely on: as many numbers as the sizes say, and intervals that are some.
-    fn check(&self) -> Result<(), TwinError> {
-        let wrong = |what: &'static str| Err(TwinError::Content { what });
-        let proper = |[low, high]: [f64; 2]| low.is_finite() && high.is_finite() && low < high;
-        if self.beta.names.len() != self.beta.values.len() {
-            return wrong("beta has not one value per name");
-        }
-        let [slowest, fastest] = self.domain.dq;
-        let speeds = slowest <= fastest && (fastest - slowest).is_finite();
-        if !(proper(self.domain.q) && proper(self.joint.q_range) && speeds) {
-            return wrong("domain or q_range is no interval");
-        }
-        if self.joint.coordinate.sign.abs() != 1.0 || !self.joint.coordinate.offset.is_finite() {
-            return wrong("the sign of the coordinate is not 1 or -1, or its offset is no number");
-        }
-        let Some(mechanism) = &self.mechanism else {
-            return Ok(());
-        };
-        let load = &mechanism.load;
-        if !proper(load.interval)
-            || load.degree > 5
-            || load.coefficients.len() != load.pieces + load.degree
-        {
-            return wrong(
-                "the mechanism's load has not pieces + degree coefficients over an interval",
-            );
-        }
-        for surface in &mechanism.damping {
-            let sizes = [0, 1].map(|i| surface.pieces[i].saturating_add(surface.degree[i]));
-            if !proper(surface.interval_q)
-                || !proper(surface.interval_sqrt_speed)
-                || surface.degree.iter().any(|degree| *degree > 5)
-                || Some(surface.coefficients.len()) != sizes[0].checked_mul(sizes[1])
-            {
-                return wrong(
-                    "the mechanism's damping has not (pieces + degree) coefficients over each of two intervals",
-                );
-            }
-        }
-        Ok(())
     }
 
     /// The twin as JSON, indented.
@@ -432,6 +415,7 @@ mod tests {
             JointKind::Revolute,
             Some(&axis),
             analysis.q_range,
+            [-1.0, 1.0],
             &analysis.full,
             Provenance::default(),
         )

@@ -16,7 +16,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import yourdfpy
-from pxr import Usd, UsdPhysics, UsdUtils
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 folder, name = pathlib.Path(sys.argv[1]), sys.argv[2]
 states = np.array([[float(v) for v in row] for row in csv.reader(open(sys.argv[3]))])
@@ -34,6 +34,8 @@ def relative(ours):
 # MuJoCo: joint attributes alone, then with the callback; then a free swing.
 model = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
 data = mujoco.MjData(model)
+other = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
+there = mujoco.MjData(other)
 
 
 def mujoco_efforts():
@@ -61,19 +63,68 @@ found["mujoco_swing_s"] = data.time
 mujoco.mj_resetData(model, data)
 data.qpos[0], data.qvel[0] = swing["from"], 0.0
 mujoco.mj_forward(model, data)
-mass = np.zeros((model.nv, model.nv))
-mujoco.mj_fullM(model, data, mass) if mujoco.mj_versionString() >= "4" else mujoco.mj_fullM(model, mass, data.qM)
-found["mujoco_inertia"] = float(mass[0, 0])
+# The inertia about the joint, as the simulator itself feels it: acceleration by one newton metre more.
+data.qfrc_applied[0] = 0.0
+mujoco.mj_forward(model, data)
+data.qfrc_applied[0] = 1.0
+model.dof_frictionloss[0] = 0.0
+mujoco.mj_forward(model, data)
+after = data.qacc[0]
+data.qfrc_applied[0] = 0.0
+mujoco.mj_forward(model, data)
+found["mujoco_inertia"] = float(1.0 / (after - data.qacc[0]))
+# Another model is none of the callback's business.
+there.qpos[0], there.qvel[0] = q[0], dq[0]
+mujoco.mj_forward(other, there)
+data.qpos[0], data.qvel[0] = q[0], dq[0]
+mujoco.mj_forward(model, data)
+found["mujoco_callback_of_one_model"] = bool(abs(there.qfrc_passive[0] - data.qfrc_passive[0]) > 1e-9)
+
+
+# Where the handle is when the joint has moved, by each library; the truth by Rodrigues' formula.
+def handle(at):
+    axis, tool = np.array(twin["joint"]["axis_direction"]), np.array(twin["joint"]["tool_position"])
+    if twin["joint"]["kind"] == "prismatic":
+        return tool + at * axis
+    arm = tool - np.array(twin["joint"]["axis_point"])
+    turned = arm * math.cos(at) + np.cross(axis, arm) * math.sin(at) + axis * axis.dot(arm) * (1 - math.cos(at))
+    return tool - arm + turned
+
+
+places = [0.0, 0.5 * twin["joint"]["q_range"][1]]
+
+
+def mujoco_handle(at):
+    data.qpos[0] = at
+    mujoco.mj_forward(model, data)
+    return data.geom(f"{name}_handle").xpos.copy()
+
+
+found["mujoco_handle_m"] = max(float(np.linalg.norm(mujoco_handle(at) - handle(at))) for at in places)
 mujoco.set_mjcb_passive(None)
 
 # URDF.
 robot = yourdfpy.URDF.load(str(folder / f"{name}.urdf"))
 joint = robot.joint_map[f"{name}_joint"]
+
+
+def urdf_handle(at):
+    robot.update_cfg({f"{name}_joint": at})
+    local = np.eye(4)
+    local[:3, 3] = robot.link_map[name].visuals[1].origin[:3, 3]
+    return (robot.get_transform(name, robot.base_link) @ local)[:3, 3]
+
+
+inertial = robot.link_map[name].inertial
+turn = inertial.origin[:3, :3]
+direction = np.array(twin["joint"]["axis_direction"])
 found["urdf"] = {
+    "handle_m": max(float(np.linalg.norm(urdf_handle(at) - handle(at))) for at in places),
+    "inertia_about_axis": float(direction @ turn @ inertial.inertia @ turn.T @ direction),
+    "mass": float(inertial.mass),
     "type": joint.type,
     "axis": list(map(float, joint.axis)),
     "range": [joint.limit.lower, joint.limit.upper],
-    "inertia": float(np.max(robot.link_map[name].inertial.inertia)),
     "valid": bool(robot.validate()),
 }
 
@@ -94,12 +145,23 @@ kind = "angular" if prim.IsA(UsdPhysics.RevoluteJoint) else "linear"
 drive = UsdPhysics.DriveAPI(prim, kind)
 limits = UsdPhysics.RevoluteJoint(prim) if kind == "angular" else UsdPhysics.PrismaticJoint(prim)
 body = UsdPhysics.MassAPI(stage.GetPrimAtPath(f"/{name}/part"))
+rotation = Gf.Rotation(Gf.Quatd(body.GetPrincipalAxesAttr().Get()))
+main_axis = np.array(rotation.TransformDir(Gf.Vec3d(1, 0, 0)))
+cache = UsdGeom.XformCache()
+part = stage.GetPrimAtPath(f"/{name}/part")
+to_part = np.array(cache.GetLocalToWorldTransform(part)).T
+handle_local = cache.ComputeRelativeTransform(stage.GetPrimAtPath(f"/{name}/part/handle"), part)[0].ExtractTranslation()
+at_rest = (to_part @ np.append(np.array(handle_local), 1))[:3]
+joint_frame = np.array(Gf.Rotation(Gf.Quatd(limits.GetLocalRot0Attr().Get())).TransformDir(Gf.Vec3d(1, 0, 0)))
 to_si = math.degrees(1) if kind == "angular" else 1.0
 friction = prim.GetAttribute("newton:friction").Get()
 stiffness, damping = drive.GetStiffnessAttr().Get() * to_si, drive.GetDampingAttr().Get() * to_si
 target = drive.GetTargetPositionAttr().Get() / to_si
 found["usd"] = {
     "kind": kind,
+    "handle_m": float(np.linalg.norm(at_rest - handle(0.0))),
+    "joint_meets_part_m": float(np.linalg.norm(np.array(limits.GetLocalPos0Attr().Get()) - to_part[:3, 3])),
+    "axis_off": float(max(np.linalg.norm(joint_frame - direction), np.linalg.norm(main_axis - direction))),
     "default_prim": stage.GetDefaultPrim().GetName(),
     "range": [limits.GetLowerLimitAttr().Get() / to_si, limits.GetUpperLimitAttr().Get() / to_si],
     "inertia": float(body.GetDiagonalInertiaAttr().Get()[0]) if kind == "angular" else float(body.GetMassAttr().Get()),

@@ -53,8 +53,8 @@ pub fn closings(scenario: &str, seed: u64, angles_deg: &[f64], file: &Path) -> V
         .unwrap_or_else(|error| panic!("{scenario} seed {seed}: {error}"));
     let twin = identified
         .twin
-        .unwrap_or_else(|| panic!("{scenario} seed {seed}: no twin"))
-        .evaluator();
+        .unwrap_or_else(|| panic!("{scenario} seed {seed}: no twin"));
+    let (ends, twin) = (twin.joint.q_range, twin.evaluator());
     let prior = guess(&truth);
     let until = twin.domain().q[0].max(LAST);
     angles_deg
@@ -67,7 +67,7 @@ pub fn closings(scenario: &str, seed: u64, angles_deg: &[f64], file: &Path) -> V
                 step: 1e-4,
                 longest: 60.0,
             };
-            let swing = release(&twin, &how)
+            let swing = release(&twin, ends, &how)
                 .unwrap_or_else(|error| panic!("{scenario} seed {seed}, {from_deg} deg: {error}"));
             // The twin counts from where the grasp began, the truth from the closed stop.
             let real =

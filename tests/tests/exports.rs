@@ -49,12 +49,14 @@ fn exported(scenario: &str, release: &str, folder: &Path) -> Option<(Twin, Value
     let evaluator = twin.evaluator();
     let domain = evaluator.domain().clone();
     let mut states = String::new();
-    for i in 0..40 {
-        for j in 0..40 {
-            let part =
-                |[low, high]: [f64; 2], k: u32| low + (high - low) * (f64::from(k) + 0.5) / 40.0;
-            let (q, dq) = (part(domain.q, i), part(domain.dq, j));
-            writeln!(states, "{q},{dq},{}", evaluator.effort(q, dq, 0.0)).unwrap();
+    // The states of the announced errors: both directions, even in the root of the speed.
+    for i in 0..60 {
+        for j in 0..60 {
+            let part = |k: u32| (f64::from(k) + 0.5) / 60.0;
+            let q = domain.q[0] + part(i) * (domain.q[1] - domain.q[0]);
+            for dq in [1.0, -1.0].map(|way| way * part(j).powi(2) * evaluator.fastest()) {
+                writeln!(states, "{q},{dq},{}", evaluator.effort(q, dq, 0.0)).unwrap();
+            }
         }
     }
     std::fs::write(folder.join("states.csv"), states).unwrap();
@@ -94,14 +96,32 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
     };
     near(&found["mujoco_inertia"], inertia, "MuJoCo's inertia");
     near(&found["usd"]["inertia"], inertia, "USD's inertia");
+    let of_urdf = if kind[0] == "revolute" {
+        "inertia_about_axis"
+    } else {
+        "mass"
+    };
+    near(&found["urdf"][of_urdf], inertia, "URDF's inertia");
     for of in ["urdf", "usd"] {
         for (i, end) in twin.joint.q_range.iter().enumerate() {
             near(&found[of]["range"][i], *end, of);
         }
     }
+    for (what, off) in [
+        ("MuJoCo's handle", &found["mujoco_handle_m"]),
+        ("URDF's handle", &found["urdf"]["handle_m"]),
+        ("USD's handle", &found["usd"]["handle_m"]),
+        ("USD's joint", &found["usd"]["joint_meets_part_m"]),
+        ("USD's axes", &found["usd"]["axis_off"]),
+    ] {
+        // Floats of USD and the tilt of a tool that was not quite where the fit has it.
+        assert!(number(off) < 2e-3, "{what} is {off} m off");
+    }
+    assert_eq!(found["mujoco_callback_of_one_model"], true, "{found}");
     assert_eq!(found["urdf"]["valid"], true, "{found}");
     assert_eq!(found["urdf"]["type"], kind[0]);
     assert_eq!(found["usd"]["kind"], kind[1]);
+    assert_eq!(found["usd"]["default_prim"], "object");
     assert_eq!(
         found["usd_problems"].as_array().map(Vec::len),
         Some(0),
@@ -111,7 +131,6 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
     for error in ["mujoco_error", "onnx_error"] {
         assert!(number(&found[error]) < 0.02, "{error}: {found}");
     }
-    // The states here are spread otherwise than those of the announcement.
     for (error, announced) in [
         (
             &found["mujoco_native_error"],
@@ -121,7 +140,7 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
     ] {
         let (error, announced) = (number(error), number(announced));
         assert!(
-            error < 1.5 * announced + 0.02,
+            (error - announced).abs() < 1e-3,
             "{error}, announced {announced}: {found}"
         );
     }
@@ -152,9 +171,4 @@ fn a_drawer_opens_in_other_simulators() {
         return;
     };
     agrees(&twin, &found, ["prismatic", "linear"]);
-    assert!(
-        (number(&found["urdf"]["inertia"]) - 2.0 * twin.beta.values[0].unwrap() * 0.16 / 12.0)
-            .abs()
-            < 1e-6
-    );
 }

@@ -2,6 +2,7 @@
 
 use super::native::Native;
 use super::scene::{Scene, three, wxyz};
+use super::{identifier, percent};
 use crate::screw::JointKind;
 use crate::twin::Twin;
 
@@ -17,7 +18,7 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
     let [i1, i2, i3] = scene.inertia;
     let [width, height, thickness] = scene.panel_size.map(|size| 0.5 * size);
     format!(
-        r#"<!-- {name}: measured joint, frame `{frame}`, written by {version}. The joint's own attributes are {error:.1} % (root mean square, over
+        r#"<!-- {name}: measured joint, frame `{frame}`, written by {version}. The joint's own attributes are {error} (root mean square, over
      the probed domain) from the twin; {name}_passive.py adds what they lack. Stiffness and damping are polynomials of degree 3: MuJoCo 3.12 or later. -->
 <mujoco model="{name}">
   <compiler angle="radian"/>
@@ -34,9 +35,9 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
   </worldbody>
 </mujoco>
 "#,
-        frame = twin.joint.frame,
+        frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = 100.0 * native.relative_error,
+        error = percent(native),
         origin = three(&scene.origin.coords),
         turn = wxyz(&scene.x_to_axis),
         mass = scene.mass,
@@ -89,16 +90,26 @@ class Table:
         return np.where(np.asarray(dq) > 0, one(0), np.where(np.asarray(dq) < 0, one(1), 0.5 * (one(0) + one(1))))
 
 
+_installed = mujoco.__dict__.setdefault("_passive_tables", [])
+
+
+def _passive(m, d):
+    for model, table, q, v in _installed:
+        if m is model:
+            d.qfrc_passive[v] -= table(d.qpos[q], d.qvel[v])
+
+
 def install(model, joint="{name}_joint", table=None):
-    """Adds the effort at every step of every simulation of `model`."""
+    """Adds the effort at every step of every simulation of `model`, and of no other model.
+
+    Load every model before the first call: MuJoCo cannot compile a model while a Python callback is set. It has one callback
+    for all models; several twins may be installed, one after the other; a passive callback of your own
+    must call this one (`mujoco.get_mjcb_passive()`).
+    """
     table = table or Table(pathlib.Path(__file__).with_name("{name}.xml.mechanism.json"))
     at = model.joint(joint)
-    q, v = at.qposadr[0], at.dofadr[0]
-
-    def passive(m, d):
-        d.qfrc_passive[v] -= table(d.qpos[q], d.qvel[v])
-
-    mujoco.set_mjcb_passive(passive)
+    _installed.append((model, table, at.qposadr[0], at.dofadr[0]))
+    mujoco.set_mjcb_passive(_passive)
 "#
     )
 }

@@ -2,14 +2,17 @@
 
 use serde::Serialize;
 
-use super::native::{Native, states};
+use super::native::{Native, off};
 use crate::screw::JointKind;
 use crate::twin::{Evaluator, Twin};
 
 /// Nodes over the coordinate.
 const ALONG: usize = 241;
 /// Nodes over the root of the speed.
-const SPEEDS: usize = 49;
+const SPEEDS: usize = 65;
+
+/// Highest speed of the table over the fastest probed.
+const BEYOND: f64 = 2.0;
 
 /// Effort over (direction, q, sqrt|dq|): bilinear between the nodes, held at its edges outside.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +47,8 @@ impl Table {
     #[must_use]
     pub fn of(twin: &Evaluator, native: &Native) -> Self {
         let domain = twin.domain();
-        let speed = domain.dq.iter().fold(1e-6_f64, |all, v| all.max(v.abs()));
+        // Beyond what was probed too, so that a simulator meets no edge; there it means as little as the twin does.
+        let speed = BEYOND * twin.fastest();
         let [low, high] = domain.q;
         let mut efforts = Vec::with_capacity(2 * ALONG * SPEEDS);
         for direction in [1.0, -1.0] {
@@ -91,13 +95,7 @@ impl Table {
     /// Root mean square difference between the twin and `native` with this table, over the effort's own.
     #[must_use]
     pub fn error(&self, twin: &Evaluator, native: &Native) -> f64 {
-        let (mut left, mut all) = (0.0, 0.0);
-        for [q, dq] in states(twin) {
-            let effort = twin.effort(q, dq, 0.0);
-            left += (effort - native.effort(q, dq) - self.effort(q, dq)).powi(2);
-            all += effort * effort;
-        }
-        (left / f64::max(all, f64::MIN_POSITIVE)).sqrt()
+        off(twin, |q, dq| native.effort(q, dq) + self.effort(q, dq))
     }
 
     pub(super) fn sidecar<'a>(&self, twin: &'a Twin, native: &'a Native) -> Sidecar<'a> {

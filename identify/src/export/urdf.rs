@@ -4,6 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::native::Native;
 use super::scene::{Scene, three};
+use super::{identifier, percent};
 use crate::screw::JointKind;
 use crate::twin::Twin;
 
@@ -16,15 +17,13 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
     let [low, high] = scene.range;
     let [i1, i2, i3] = scene.inertia;
     let [width, height, thickness] = scene.panel_size;
-    let fastest = twin
-        .domain
-        .dq
-        .iter()
-        .fold(0.0_f64, |all, v| all.max(v.abs()));
+    // A limit that no simulator should meet: what was probed is no limit of the joint.
+    let fastest = 10.0 * twin.evaluator().fastest();
     format!(
         r#"<?xml version="1.0"?>
-<!-- {name}: measured joint, frame `{frame}`, written by {version}. URDF has damping and friction only: they are {error:.1} % (root mean square, over
-     the probed domain) from the twin; {name}.urdf.mechanism.json holds the rest. Gravity is in that table, not in the link. -->
+<!-- {name}: measured joint, frame `{frame}`, written by {version}. URDF has damping and friction only: they are {error} (root mean square, over
+     the probed domain) from the twin; {name}.urdf.mechanism.json holds the rest. Gravity is in that table: the link must not feel
+     it (a turning link has its mass on the axis; for a sliding one switch gravity off, as the gazebo element does). -->
 <robot name="{name}">
   <link name="{frame}"/>
   <joint name="{name}_joint" type="{kind}">
@@ -54,11 +53,12 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
       <geometry><box size="{width} {height} {thickness}"/></geometry>
     </collision>
   </link>
+  <gazebo reference="{name}"><gravity>false</gravity></gazebo>
 </robot>
 "#,
-        frame = twin.joint.frame,
+        frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = 100.0 * native.relative_error,
+        error = percent(native),
         origin = three(&scene.origin.coords),
         axis = three(&scene.axis),
         damping = native.damping[0],

@@ -7,6 +7,7 @@ use nalgebra::UnitQuaternion;
 
 use super::native::Native;
 use super::scene::Scene;
+use super::{identifier, percent};
 use crate::screw::JointKind;
 use crate::twin::Twin;
 
@@ -33,7 +34,7 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
         r#"#usda 1.0
 (
     defaultPrim = "{name}"
-    doc = """Measured joint, frame `{frame}`, written by {version}. Drive and friction are {error:.1} % (root mean square, over the probed domain) from the twin; {name}.usda.mechanism.json holds the rest."""
+    doc = """Measured joint, frame `{frame}`, written by {version}. Drive and friction are {error} (root mean square, over the probed domain) from the twin; {name}.usda.mechanism.json holds the rest."""
     metersPerUnit = 1
     kilogramsPerUnit = 1
     upAxis = "Z"
@@ -49,15 +50,17 @@ def Xform "{name}" (
     {{
         float physics:mass = 1
         float3 physics:diagonalInertia = (1, 1, 1)
+        quatf physics:principalAxes = (1, 0, 0, 0)
     }}
 
     def PhysicsFixedJoint "to_{frame}"
     {{
+        rel physics:body0 = </{name}>
         rel physics:body1 = </{name}/base>
     }}
 
     def Xform "part" (
-        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
+        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysxRigidBodyAPI"]
     )
     {{
         float physics:mass = {mass}
@@ -90,7 +93,7 @@ def Xform "{name}" (
     }}
 
     def {joint} "joint" (
-        prepend apiSchemas = ["PhysicsDriveAPI:{drive}"]
+        prepend apiSchemas = ["PhysicsDriveAPI:{drive}", "PhysxJointAxisAPI:{drive}", "MjcJointAPI"]
     )
     {{
         rel physics:body0 = </{name}/base>
@@ -106,18 +109,18 @@ def Xform "{name}" (
         float drive:{drive}:physics:stiffness = {stiffness}
         float drive:{drive}:physics:damping = {damping}
         float drive:{drive}:physics:targetPosition = {target}
-        custom float physxJointAxis:{drive}:staticFrictionEffort = {friction}
-        custom float physxJointAxis:{drive}:dynamicFrictionEffort = {friction}
-        custom float physxJointAxis:{drive}:viscousFrictionCoefficient = 0
-        custom float newton:friction = {friction}
-        custom float newton:damping = 0
-        custom double mjc:frictionloss = {friction}
+        float physxJointAxis:{drive}:staticFrictionEffort = {friction}
+        float physxJointAxis:{drive}:dynamicFrictionEffort = {friction}
+        float physxJointAxis:{drive}:viscousFrictionCoefficient = 0
+        float newton:friction = {friction}
+        float newton:damping = 0
+        double mjc:frictionloss = {friction}
     }}
 }}
 "#,
-        frame = twin.joint.frame,
+        frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = 100.0 * native.relative_error,
+        error = percent(native),
         mass = scene.mass,
         turn = quat(&scene.x_to_axis),
         panel = quat(&scene.panel_rotation),

@@ -71,6 +71,10 @@ pub fn said(swing: &Swing, scale: f64, unit: &str) -> String {
             "comes to rest after {time:.3} s at {:.3} {unit}: dry friction holds it",
             scale * q
         ),
+        End::Left { time, q } => format!(
+            "leaves the probed range after {time:.3} s, at {:.3} {unit}: nothing is known beyond",
+            scale * q
+        ),
         End::Moving { q } => format!(
             "still moves after {:.1} s, at {:.3} {unit}",
             swing.time.last().copied().unwrap_or(0.0),

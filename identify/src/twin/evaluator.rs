@@ -3,6 +3,7 @@
 use super::{Coordinate, Spline, SurfaceSpline, Twin};
 use crate::effect::library::{AtState, kind};
 use crate::mechanism::{Domain, Valve};
+use crate::screw::JointKind;
 use crate::spline::Basis;
 
 /// A speed so small that every term has its value at the start of a motion, in rad/s or m/s.
@@ -44,6 +45,7 @@ pub enum Outside {
 /// A twin made ready for evaluation. Parameters that were not identified count as 0.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
+    kind: JointKind,
     coordinate: Coordinate,
     domain: Domain,
     inertia: f64,
@@ -102,6 +104,7 @@ impl Evaluator {
             })
             .collect();
         Self {
+            kind: twin.joint.kind,
             coordinate: twin.joint.coordinate,
             domain: twin.domain.clone(),
             inertia: value("inertia"),
@@ -154,7 +157,7 @@ impl Evaluator {
     /// of the domain, one-sided in dq near rest. Exact in ddq and in `b`; dry friction has none.
     #[must_use]
     pub fn gradient(&self, q: f64, dq: f64) -> [f64; 3] {
-        let span = |[low, high]: [f64; 2]| 1e-3 * (high - low).max(1e-6);
+        let span = |[low, high]: [f64; 2]| (1e-3 * (high - low)).max(1e-6);
         let (step_q, step_dq) = (span(self.domain.q), span(self.domain.dq));
         let by_q =
             (self.effort(q + step_q, dq, 0.0) - self.effort(q - step_q, dq, 0.0)) / (2.0 * step_q);
@@ -200,6 +203,18 @@ impl Evaluator {
             }
         }
         Some((left / f64::max(all, f64::MIN_POSITIVE)).sqrt())
+    }
+
+    /// Highest speed that was probed in either direction, at least 0.001 rad/s or m/s.
+    #[must_use]
+    pub fn fastest(&self) -> f64 {
+        self.domain.dq.iter().fold(1e-3, |all, v| all.max(v.abs()))
+    }
+
+    /// What kind of joint it is.
+    #[must_use]
+    pub fn kind(&self) -> JointKind {
+        self.kind
     }
 
     /// Inertia, kg m^2 or kg; 0 when it was not identified.

@@ -120,7 +120,8 @@ impl Simulate {
             step: 1e-4,
             longest: self.longest,
         };
-        let swing = release(&twin.evaluator(), &how)?;
+        let swing = release(&twin.evaluator(), twin.joint.q_range, &how)?;
+        tell_left_out(&twin);
         let document = serde_json::json!({
             "schema": "ft-identify/swing/1", "kind": kind, "from": how.from, "until": how.until, "end": swing.end,
             "beyond_probed_speed": swing.beyond_probed_speed, "time": swing.time, "q": swing.q, "dq": swing.dq,
@@ -150,6 +151,7 @@ impl Simulate {
             duration: self.within,
         };
         let needed = demand(&twin.evaluator(), &opening);
+        tell_left_out(twin);
         let radius = twin.radius();
         let lever = if kind == JointKind::Revolute {
             radius
@@ -205,6 +207,13 @@ impl Simulate {
     }
 }
 
+/// Effects with memory are in no evaluation; says so where somebody reads it.
+fn tell_left_out(twin: &Twin) {
+    for effect in twin.left_out() {
+        eprintln!("left out: `{effect}`, which has a memory and is no function of q and dq");
+    }
+}
+
 /// Factor and unit in which a coordinate is shown.
 fn shown(kind: JointKind) -> (f64, &'static str) {
     match kind {
@@ -223,6 +232,8 @@ fn positive(text: &str) -> Result<f64, String> {
 impl Export {
     pub(crate) fn run(&self) -> Result<(), UseError> {
         let twin = read(&self.twin)?;
+        tell_left_out(&twin);
+        let mut targets = Vec::new();
         for format in &self.to {
             let target = match format {
                 Format::Mjcf => export::Target::Mjcf,
@@ -230,14 +241,18 @@ impl Export {
                 Format::Usd => export::Target::Usd,
                 Format::Onnx => export::Target::Onnx,
             };
-            let done = export(&twin, target, &self.output, &self.name, self.force)?;
+            if !targets.contains(&target) {
+                targets.push(target);
+            }
+        }
+        for done in export(&twin, &targets, &self.output, &self.name, self.force)? {
             for file in &done.files {
                 println!("{}", file.display());
             }
-            if let Some(native) = &done.native {
+            if let Some(error) = done.native.and_then(|native| native.relative_error) {
                 println!(
                     "  joint attributes alone: {:.1} % off the twin's effort over the probed domain; with the table: {:.2} %",
-                    100.0 * native.relative_error,
+                    100.0 * error,
                     100.0 * done.table_error
                 );
             } else {
@@ -293,6 +308,9 @@ impl Compare {
                 .as_f64()
                 .map_or("null".to_owned(), |v| format!("{v:.4}"))
         };
+        println!(
+            "efforts are compared at equal q: each twin counts from where its own grasp began"
+        );
         println!(
             "{:>10} {:>10} {:>10} {:>12}  twin, effects",
             "inertia", "coulomb", "viscous", "effort diff."

@@ -1,0 +1,97 @@
+//! What evaluation and export rely on in a twin that comes from a file.
+
+use serde_json::Value;
+
+use super::{Spline, SurfaceSpline, Twin, TwinError};
+use crate::effect::library::kind;
+
+/// No number of a twin, in SI units, is beyond this.
+const LARGEST: f64 = 1e9;
+/// No spline has more pieces.
+const MOST_PIECES: usize = 10_000;
+
+/// Refuses numbers that no door has, before anything is computed with them.
+pub(super) fn size(value: &Value) -> Result<(), TwinError> {
+    match value {
+        Value::Number(number) if number.as_f64().is_none_or(|v| v.abs() > LARGEST) => {
+            Err(TwinError::Large {
+                number: number.to_string(),
+            })
+        }
+        Value::Array(values) => values.iter().try_for_each(size),
+        Value::Object(fields) => fields.values().try_for_each(size),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses what does not fit together, and effects that this program does not know.
+pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
+    let wrong = |what: &'static str| Err(TwinError::Content { what });
+    if twin.beta.names.len() != twin.beta.values.len() {
+        return wrong("beta has not one value per name");
+    }
+    if !(proper(twin.domain.q) && proper(twin.domain.dq) && proper(twin.joint.q_range)) {
+        return wrong("domain or q_range is no interval");
+    }
+    if twin.joint.coordinate.sign.abs() != 1.0 {
+        return wrong("the sign of the coordinate is not 1 or -1");
+    }
+    let direction = twin.joint.axis_direction.unwrap_or([0.0, 0.0, 1.0]);
+    if (direction.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() > 1e-3 {
+        return wrong("axis_direction is no unit vector");
+    }
+    for effect in &twin.effects {
+        let Some(kind) = kind(&effect.name) else {
+            return Err(TwinError::Effect {
+                name: effect.name.clone(),
+            });
+        };
+        if effect.shape.len() != kind.shape.len() {
+            return wrong("an effect has not as many shape parameters as its kind");
+        }
+    }
+    let Some(mechanism) = &twin.mechanism else {
+        return Ok(());
+    };
+    if !curve(&mechanism.load) {
+        return wrong("the mechanism's load has not pieces + degree coefficients over an interval");
+    }
+    if !mechanism.damping.iter().all(surface) {
+        return wrong(
+            "the mechanism's damping has not (pieces + degree) coefficients over each of two intervals",
+        );
+    }
+    let ascending = |surface: &SurfaceSpline| {
+        let bends = &surface.valve.bends;
+        bends.windows(2).all(|pair| pair[0].at < pair[1].at)
+            && bends.iter().all(|bend| bend.at >= 0.0 && bend.slope >= 0.0)
+    };
+    if !mechanism.damping.iter().all(ascending) {
+        return wrong("the bends of a valve do not ascend, or one has a slope below 0");
+    }
+    Ok(())
+}
+
+fn proper([low, high]: [f64; 2]) -> bool {
+    low < high
+}
+
+fn sized(pieces: usize, degree: usize) -> bool {
+    (1..=MOST_PIECES).contains(&pieces) && degree <= 5
+}
+
+fn curve(spline: &Spline) -> bool {
+    proper(spline.interval)
+        && sized(spline.pieces, spline.degree)
+        && spline.coefficients.len() == spline.pieces + spline.degree
+}
+
+fn surface(surface: &SurfaceSpline) -> bool {
+    let fits = |i: usize| sized(surface.pieces[i], surface.degree[i]);
+    let functions = |i: usize| surface.pieces[i] + surface.degree[i];
+    proper(surface.interval_q)
+        && proper(surface.interval_sqrt_speed)
+        && fits(0)
+        && fits(1)
+        && surface.coefficients.len() == functions(0) * functions(1)
+}
