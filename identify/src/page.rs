@@ -148,7 +148,9 @@ fn sentences(report: &Report) -> Vec<String> {
             last.held_out_rms[1]
         ));
     }
-    if let Some(mechanism) = &report.mechanism {
+    // Named effects that leave nothing but noise have said it all: what a spring and g(q) can both hold, they share.
+    let said = !report.effects.is_empty() && report.last.verdict == Verdict::Explained;
+    if let Some(mechanism) = report.mechanism.as_ref().filter(|_| !said) {
         let [least, most] = mechanism.load_range;
         let noise = report.last.noise_floor_rms.unwrap_or(0.0);
         if most - least < 3.0 * noise && least.abs().max(most.abs()) < 3.0 * noise {

@@ -40,11 +40,18 @@ impl Report {
             let _ = writeln!(out, "{:<10} {value}", term.name);
         }
         let unit = joint.kind.effort_unit();
-        if let Some(mechanism) = &self.mechanism {
+        // Named effects that leave nothing but noise have said it all.
+        let said = !self.effects.is_empty() && self.last.verdict == Verdict::Explained;
+        if let Some(mechanism) = self.mechanism.as_ref().filter(|_| !said) {
             let [low, high] = mechanism.load_range;
+            let besides = if self.effects.is_empty() {
+                ""
+            } else {
+                ", besides the named effects"
+            };
             let _ = writeln!(
                 out,
-                "mechanism  load from {low:.2} to {high:.2} {unit} over the range"
+                "mechanism  load from {low:.2} to {high:.2} {unit} over the range{besides}"
             );
         }
         if let (Some(base), Some(last), Some(floor)) = (
