@@ -229,25 +229,20 @@ fn a_track_prints_kind_and_size() {
     assert!(out.join("joint.json").exists());
 }
 
+/// The directory with the twin of the slide.
+fn identified_slide(directory: &std::path::Path) -> std::path::PathBuf {
+    let (file, out) = (table(directory, slide()), directory.join("out"));
+    let columns = ["--time", "t", "--position", "q", "--effort", "f"];
+    let rest = ["--kind", "prismatic", "-o", out.to_str().unwrap()];
+    let done = run(&[&["table", &file], &columns[..], &rest[..]].concat());
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    out
+}
+
 #[test]
 fn a_twin_is_let_go_exported_and_compared() {
     let directory = tempfile::tempdir().unwrap();
-    let file = table(directory.path(), slide());
-    let out = directory.path().join("out");
-    let arguments = [
-        "table",
-        &file,
-        "--time",
-        "t",
-        "--position",
-        "q",
-        "--effort",
-        "f",
-        "--kind",
-        "prismatic",
-        "-o",
-    ];
-    run(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+    let out = identified_slide(directory.path());
     let twin = out.join("twin.json");
     let twin = twin.to_str().unwrap();
     let said = |arguments: &[&str], code: i32| {
@@ -315,22 +310,7 @@ fn a_twin_is_let_go_exported_and_compared() {
 #[test]
 fn a_twin_whose_numbers_do_not_fit_together_is_refused() {
     let directory = tempfile::tempdir().unwrap();
-    let file = table(directory.path(), slide());
-    let out = directory.path().join("out");
-    let arguments = [
-        "table",
-        &file,
-        "--time",
-        "t",
-        "--position",
-        "q",
-        "--effort",
-        "f",
-        "--kind",
-        "prismatic",
-        "-o",
-    ];
-    run(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+    let out = identified_slide(directory.path());
     let whole: serde_json::Value =
         serde_json::from_slice(&std::fs::read(out.join("twin.json")).unwrap()).unwrap();
     let broken: Vec<(&str, serde_json::Value, &str)> = vec![
