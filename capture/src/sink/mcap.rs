@@ -51,9 +51,10 @@ impl McapSink {
         preamble: &Preamble,
     ) -> Result<Self, WriteError> {
         let mut writer = RecordingWriter::create(path, options)?;
-        let mut channels = Vec::with_capacity(Topic::ALL.len());
-        for topic in Topic::ALL {
-            channels.push(add_channel(&mut writer, topic)?);
+        let [first, others @ ..] = Topic::ALL;
+        let mut channels = [add_channel(&mut writer, first)?; Topic::ALL.len()];
+        for (channel, topic) in channels.iter_mut().skip(1).zip(others) {
+            *channel = add_channel(&mut writer, topic)?;
         }
         let mut raw = Vec::with_capacity(preamble.devices.len());
         for device in &preamble.devices {
@@ -69,12 +70,6 @@ impl McapSink {
             log_time: preamble.start,
             publish_time: preamble.start,
         };
-        #[allow(
-            clippy::expect_used,
-            reason = "one channel was added for each topic above"
-        )]
-        let channels: [ChannelId; Topic::ALL.len()] =
-            channels.try_into().expect("one channel for each topic");
         writer.write(channels[Topic::TfStatic.index()], stamps, &buffer)?;
         writer.flush_if_due(preamble.start)?;
         Ok(Self {
