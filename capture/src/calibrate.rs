@@ -1,24 +1,25 @@
 //! The tool's mass, centre of mass and inertia, the sensor's bias, and the time between pose and wrench, from a recording
 //! of the tool in free air.
 
-use std::collections::BTreeMap;
-use std::fmt;
 use std::path::Path;
 
 use ft_recording::rewrite::Rewrite;
-use ft_recording::{Calibration, Estimate, ReadError, Recording, TopicMap, metadata, topic};
+use ft_recording::{Calibration, Estimate, Recording, TopicMap, metadata, topic};
 use ft_wire::HostTime;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
 mod align;
+mod error;
 mod fit;
 mod plot;
 mod series;
+mod text;
 
 pub use align::Alignment;
+pub use error::CalibrateError;
 use fit::{BIAS, Delay, Extras, Fit, Problem};
-use series::{PoseSide, SeriesError, WrenchSide};
+use series::{PoseSide, WrenchSide};
 
 /// Free air over which the bias may be seen to drift, s.
 const DRIFT_NEEDS_S: f64 = 15.0;
@@ -26,133 +27,6 @@ const DRIFT_NEEDS_S: f64 = 15.0;
 const TEMPERATURE_MOVED_K: f64 = 2.0;
 /// Time left out around a grasp and a release, s.
 const MARGIN_S: f64 = 0.3;
-
-/// Why there is no calibration.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CalibrateError {
-    /// The recording cannot be read or written.
-    #[error(transparent)]
-    Recording(#[from] ReadError),
-    /// The streams cannot be brought onto a grid.
-    #[error(transparent)]
-    Series(#[from] SeriesError),
-    /// Pose and wrench have too little free air in common.
-    #[error(
-        "{free_air_s:.1} s of free air have both pose and wrench, need {needed_s:.0} s; record the tool in free air for longer, \
-         or name its part with --free-air 3..20"
-    )]
-    FreeAirShort {
-        /// There, s.
-        free_air_s: f64,
-        /// Needed, s.
-        needed_s: f64,
-    },
-    /// The wrench does not follow the motion at any shift.
-    #[error(
-        "the tool's motion explains {:.0} % of the wrench at best (need 90 %): the tool touched something, the motion was too small, or pose and wrench \
-         are of different times; shake the tool in free air, turning it about every axis, and name that part with --free-air or the marks \
-         free_air_begin and grasp", 100.0 * explained
-    )]
-    Unrelated {
-        /// Share of the wrench's variance, 0 to 1.
-        explained: f64,
-    },
-    /// The tool was hardly moved.
-    #[error(
-        "the tool was turned and shaken by {motion:.2} m/s^2 only (need {needed} m/s^2): shake it and turn it about every axis, for 10 s, in free air"
-    )]
-    TooStill {
-        /// Gravity minus acceleration about its mean, m/s^2 rms.
-        motion: f64,
-        /// Needed, m/s^2.
-        needed: f64,
-    },
-    /// The best shift is the farthest that was tried.
-    #[error(
-        "the best offset, {offset_s:.2} s, is at the end of the +-{search_s:.0} s searched; search wider with --search, or check that both are of one recording"
-    )]
-    AtTheEnd {
-        /// s.
-        offset_s: f64,
-        /// s.
-        search_s: f64,
-    },
-    /// Two shifts fit as well as each other.
-    #[error(
-        "two offsets fit alike, {first_s:.2} s and {second_s:.2} s: the shake repeats itself; shake again, irregularly, with pauses and turns"
-    )]
-    Ambiguous {
-        /// The better, s.
-        first_s: f64,
-        /// The other, s.
-        second_s: f64,
-    },
-    /// The offset is known too badly.
-    #[error(
-        "the offset between pose and wrench shows only to +-{std_ms:.1} ms (need {needed_ms:.0} ms): shake faster and turn the tool about every axis, \
-         for 10 s, in free air"
-    )]
-    OffsetUnknown {
-        /// One standard deviation, ms.
-        std_ms: f64,
-        /// Needed, ms.
-        needed_ms: f64,
-    },
-    /// The mass and the bias cannot be told apart.
-    #[error(
-        "the tool's mass shows only as {mass_kg:.3} +-{std_kg:.3} kg (need 3 %): turn the tool over in free air, still for 2 s in at least \
-         four orientations (pads down, up, left, right), then shake it"
-    )]
-    MassUnknown {
-        /// Best estimate, kg.
-        mass_kg: f64,
-        /// One standard deviation, kg.
-        std_kg: f64,
-    },
-    /// The bias cannot be told from the tool's weight.
-    #[error(
-        "the sensor's bias shows only to +-{std_n:.2} N and {std_nm:.4} N m (need 0.1 N, 0.005 N m): turn the tool over in free air, still for 2 s in \
-         at least four orientations (pads down, up, left, right), then shake it"
-    )]
-    BiasUnknown {
-        /// Largest standard deviation of the force, N.
-        std_n: f64,
-        /// Largest standard deviation of the torque, N m.
-        std_nm: f64,
-    },
-    /// The centre of mass cannot be told from the bias.
-    #[error(
-        "the tool's centre of mass shows only to +-{:.1} mm (need 5 mm): turn the tool about all three axes in free air, still for 2 s in each orientation",
-        1e3 * std_m
-    )]
-    ComUnknown {
-        /// Largest standard deviation, m.
-        std_m: f64,
-    },
-    /// The estimate is no calibration.
-    #[error("the estimate is no body: {0}")]
-    NoBody(#[from] ft_recording::CalibrationError),
-    /// The result cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// The file.
-        path: std::path::PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
-    /// A file that would be written is there already.
-    #[error("{path} exists already: choose another name, or allow overwriting with --force")]
-    Exists {
-        /// The file.
-        path: std::path::PathBuf,
-    },
-    /// The numbers do not determine a solution.
-    #[error(
-        "the motion determines nothing: the tool did not move, or the poses are all the same; move it in free air"
-    )]
-    Singular,
-}
 
 /// What to calibrate from.
 #[derive(Clone, Debug)]
@@ -500,7 +374,7 @@ pub fn calibrate_file(
         })
     };
     if let Some(path) = outputs.toml {
-        write(path, found.to_toml(&recording))?;
+        write(path, found.to_toml(&recording)?)?;
     }
     if let Some(path) = outputs.plot {
         write(path, plot::page(&recording, &found))?;
@@ -530,125 +404,5 @@ impl Alignment {
         let since = stamp.seconds_since(start) + self.offset_s - self.at_s;
         let skew = self.skew_ppm.map_or(0.0, |skew| 1e-6 * skew[0]);
         crate::import::shifted(stamp, self.offset_s + skew * since)
-    }
-}
-
-impl Calibrated {
-    fn details(&self, recording: &Recording, shifted: bool) -> BTreeMap<String, String> {
-        let mut entries = BTreeMap::from([
-            ("source_sha256".to_owned(), recording.sha256.clone()),
-            ("poses_shifted".to_owned(), shifted.to_string()),
-        ]);
-        if let Ok(json) = serde_json::to_string(self) {
-            entries.insert("json".to_owned(), json);
-        }
-        entries
-    }
-
-    /// The section `[calibration]` of a `capture.toml`.
-    fn to_toml(&self, recording: &Recording) -> String {
-        #[derive(Serialize)]
-        struct File<'a> {
-            calibration: &'a Calibration,
-        }
-        let name = recording.path.file_name().unwrap_or_default();
-        let text = toml::to_string(&File {
-            calibration: &self.calibration,
-        });
-        format!(
-            "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}",
-            name.to_string_lossy(),
-            recording.sha256,
-            text.unwrap_or_default()
-        )
-    }
-}
-
-impl fmt::Display for Calibrated {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let c = &self.calibration;
-        let list = |values: &[f64], scale: f64, digits: usize| {
-            let texts: Vec<_> = values
-                .iter()
-                .map(|value| format!("{:.digits$}", value * scale))
-                .collect();
-            texts.join(" ")
-        };
-        let (mass, com, inertia) = (
-            &c.payload_mass_kg,
-            &c.payload_com_m,
-            &c.payload_inertia_kgm2,
-        );
-        writeln!(f, "free air      {:.1} s", self.free_air_s)?;
-        writeln!(f, "mass          {:.4} +-{:.4} kg", mass.value, mass.std)?;
-        writeln!(
-            f,
-            "centre        {} +-{} mm",
-            list(&com.value, 1e3, 2),
-            list(&com.std, 1e3, 2)
-        )?;
-        writeln!(
-            f,
-            "inertia       {} +-{} g m^2 (xx xy yy xz yz zz){}",
-            list(&inertia.value, 1e3, 3),
-            list(&inertia.std, 1e3, 3),
-            if self.inertia_made_possible {
-                ", moved to one that a body can have: shake harder to see it"
-            } else {
-                ""
-            }
-        )?;
-        if let Some(bias) = &c.wrench_bias {
-            writeln!(
-                f,
-                "bias          {} N, {} N m (+-{} N, {} N m)",
-                list(&bias.value[..3], 1.0, 3),
-                list(&bias.value[3..], 1.0, 4),
-                list(&bias.std[..3], 1.0, 3),
-                list(&bias.std[3..], 1.0, 4)
-            )?;
-        }
-        if let Some(rate) = &self.bias_rate {
-            writeln!(
-                f,
-                "bias drift    {} N/min, {} N m/min",
-                list(&rate.value[..3], 60.0, 3),
-                list(&rate.value[3..], 60.0, 4)
-            )?;
-        }
-        if let Some(rate) = &self.bias_per_kelvin {
-            writeln!(
-                f,
-                "per kelvin    {} N, {} N m",
-                list(&rate.value[..3], 1.0, 4),
-                list(&rate.value[3..], 1.0, 5)
-            )?;
-        }
-        match (&self.alignment, &self.not_aligned) {
-            (Some(alignment), _) => writeln!(f, "{alignment}")?,
-            (None, Some(reason)) => writeln!(f, "pose offset   not seen: {reason}")?,
-            (None, None) => {}
-        }
-        write!(
-            f,
-            "left over     {:.3} N, {:.4} N m rms below 8 Hz (before: {:.2} N, {:.3} N m)",
-            self.residual_rms[0], self.residual_rms[1], self.before_rms[0], self.before_rms[1]
-        )
-    }
-}
-
-impl fmt::Display for Alignment {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "pose offset   {:+.3} ms to add to the pose's stamps (95 %: {:+.3} to {:+.3} ms)",
-            1e3 * self.offset_s,
-            1e3 * self.interval_s[0],
-            1e3 * self.interval_s[1]
-        )?;
-        match self.skew_ppm {
-            Some([skew, std]) => write!(f, ", skew {skew:+.1} +-{std:.1} ppm"),
-            None => Ok(()),
-        }
     }
 }

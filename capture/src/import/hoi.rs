@@ -13,8 +13,10 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
+mod report;
+mod weigh;
+
 use std::collections::BTreeSet;
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use ft_recording::message::{Header, Temperature, WrenchStamped};
@@ -26,15 +28,17 @@ use ft_recording::{
 };
 use ft_wire::HostTime;
 use ft_wire::frames::{Frame, FtSensor};
-use serde::Serialize;
+
+pub use report::{HoiCalibration, HoiReport};
+use weigh::{free_air, quiet_bias};
 
 use super::archive::{Found, find};
 use super::aria::{add_poses, import_entries, static_pose};
 use super::matrix::{from_json, from_yaml};
-use super::mps::{SourceFile, Trajectory, TrajectoryCounts};
+use super::mps::{SourceFile, Trajectory};
 use super::table::Table;
 use super::{ImportError, hex, io};
-use crate::calibrate::{Alignment, CalibrateOptions, Calibrated, calibrate};
+use crate::calibrate::{Alignment, Calibrated};
 use crate::config::Frames;
 use crate::encode::static_transforms;
 
@@ -54,45 +58,6 @@ pub struct HoiPart {
     pub name: String,
     /// The folder with `gripper/` and `aria_gripper/`.
     pub base: PathBuf,
-}
-
-/// What became of a recording.
-#[derive(Clone, Debug, Serialize)]
-pub struct HoiReport {
-    /// `<location>_<range>`.
-    pub name: String,
-    /// The new recording.
-    pub path: PathBuf,
-    /// Wrenches and poses written.
-    pub samples: [u64; 2],
-    /// What the trajectory has and what of it was left out.
-    pub counts: TrajectoryCounts,
-    /// Where the calibration comes from.
-    pub calibration: HoiCalibration,
-    /// How far the poses were moved; none when the free air does not show it.
-    pub alignment: Option<Alignment>,
-    /// What is not there, and what that costs.
-    pub missing: Vec<String>,
-    /// What it was made from.
-    pub sources: Vec<SourceFile>,
-}
-
-/// Where a calibration comes from.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum HoiCalibration {
-    /// Free air of the recording, s from its start.
-    FreeAir {
-        /// Its begin, s.
-        from_s: f64,
-        /// End of the free air, s.
-        until_s: f64,
-    },
-    /// The dataset's mass and centre of mass, and the bias of quiet stretches.
-    Constants {
-        /// Quiet stretches, s.
-        quiet_s: f64,
-    },
 }
 
 /// The recordings below a folder: their bags' folders or archives.
@@ -478,82 +443,6 @@ impl Import<'_> {
     }
 }
 
-/// Calibrates from `from_s` to `until_s`; `None` when something touched the tool or the motion shows too little.
-fn free_air(recording: &Recording, from_s: f64, until_s: f64) -> Option<Calibrated> {
-    let options = CalibrateOptions {
-        free_air: Some((from_s, until_s)),
-        search_s: 0.5,
-    };
-    let found = calibrate(recording, &options).ok()?;
-    // A hand that rests on the tool, or a handle, leaves newtons.
-    let quiet = found.residual_rms[0] < 0.3 && found.residual_rms[1] < 0.03;
-    let largest = found
-        .series
-        .iter()
-        .flat_map(|sample| &sample.left[..3])
-        .fold(0.0_f64, |most, left| most.max(left.abs()));
-    let mass = found.calibration.payload_mass_kg.value;
-    (quiet && largest < 1.5 && (0.1..3.0).contains(&mass)).then_some(found)
-}
-
-/// Bias from stretches of 5 s in which the wrench without the tool's weight stays, near the first of them; and their length, s.
-fn quiet_bias(recording: &Recording) -> (Option<Estimate<[f64; 6]>>, f64) {
-    const STRETCH_S: f64 = 5.0;
-    let world_from_tracked = &recording.pose.samples;
-    let device_from_sensor = recording
-        .aria_device_from_tcp
-        .then(&recording.tcp_from_ft_sensor);
-    let start = recording.wrench[0].at;
-    let mut stretches: Vec<Vec<[f64; 6]>> = Vec::new();
-    for sample in &recording.wrench {
-        let after = world_from_tracked.partition_point(|pose| pose.at <= sample.at);
-        let Some(pose) = after.checked_sub(1).and_then(|k| world_from_tracked.get(k)) else {
-            continue;
-        };
-        let rotation = pose.value.then(&device_from_sensor).inverse();
-        let [gx, gy, gz] = rotation.rotate([0.0, 0.0, -GRAVITY]).map(|g| MASS_KG * g);
-        let [cx, cy, cz] = COM_M;
-        let own = [
-            gx,
-            gy,
-            gz,
-            cy * gz - cz * gy,
-            cz * gx - cx * gz,
-            cx * gy - cy * gx,
-        ];
-        let index = (sample.at.seconds_since(start) / STRETCH_S) as usize;
-        stretches.resize_with(stretches.len().max(index + 1), Vec::new);
-        stretches[index].push(core::array::from_fn(|k| sample.value[k] - own[k]));
-    }
-    let judged = stretches.iter().filter(|rest| rest.len() > 20).map(|rest| {
-        let n = rest.len() as f64;
-        let mean: [f64; 6] = core::array::from_fn(|k| rest.iter().map(|r| r[k]).sum::<f64>() / n);
-        let std: [f64; 6] = core::array::from_fn(|k| {
-            (rest.iter().map(|r| (r[k] - mean[k]).powi(2)).sum::<f64>() / n).sqrt()
-        });
-        (mean, std)
-    });
-    let is_quiet =
-        |std: &[f64; 6]| std[..3].iter().all(|s| *s < 0.3) && std[3..].iter().all(|s| *s < 0.03);
-    let mut near: Vec<[f64; 6]> = Vec::new();
-    for (mean, _) in judged.filter(|(_, std)| is_quiet(std)) {
-        let first = *near.first().unwrap_or(&mean);
-        if (0..3).all(|k| (mean[k] - first[k]).abs() < 0.7) {
-            near.push(mean);
-        }
-    }
-    let n = near.len() as f64;
-    if near.is_empty() {
-        return (None, 0.0);
-    }
-    let value: [f64; 6] = core::array::from_fn(|k| near.iter().map(|m| m[k]).sum::<f64>() / n);
-    let std = core::array::from_fn(|k| {
-        let spread = (near.iter().map(|m| (m[k] - value[k]).powi(2)).sum::<f64>() / n).sqrt();
-        spread.max(if k < 3 { 0.1 } else { 0.005 })
-    });
-    (Some(Estimate { value, std }), n * STRETCH_S)
-}
-
 fn write(
     recording: &Recording,
     frames: &Frames,
@@ -614,37 +503,4 @@ fn write(
     rewrite.metadata(metadata::IMPORT, import_entries("hoi", report));
     rewrite.write(None, out, overwrite)?;
     Ok(())
-}
-
-impl fmt::Display for HoiReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} wrenches, {} poses -> {}",
-            self.name,
-            self.samples[0],
-            self.samples[1],
-            self.path.display()
-        )?;
-        match &self.calibration {
-            HoiCalibration::FreeAir { from_s, until_s } => write!(
-                f,
-                "\n  tool weighed in free air, {from_s:.0} to {until_s:.0} s"
-            )?,
-
-            HoiCalibration::Constants { quiet_s } => {
-                write!(
-                    f,
-                    "\n  tool by the dataset's constants, bias from {quiet_s:.0} quiet s"
-                )?;
-            }
-        }
-        if let Some(alignment) = &self.alignment {
-            write!(f, "\n  {alignment}")?;
-        }
-        for missing in &self.missing {
-            write!(f, "\n  missing: {missing}")?;
-        }
-        Ok(())
-    }
 }

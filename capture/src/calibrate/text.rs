@@ -1,0 +1,129 @@
+//! A calibration as people and files read it.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use ft_recording::{Calibration, Recording};
+use serde::Serialize;
+
+use super::{Alignment, CalibrateError, Calibrated};
+
+impl Calibrated {
+    pub(super) fn details(&self, recording: &Recording, shifted: bool) -> BTreeMap<String, String> {
+        let mut entries = BTreeMap::from([
+            ("source_sha256".to_owned(), recording.sha256.clone()),
+            ("poses_shifted".to_owned(), shifted.to_string()),
+        ]);
+        if let Ok(json) = serde_json::to_string(self) {
+            entries.insert("json".to_owned(), json);
+        }
+        entries
+    }
+
+    /// The section `[calibration]` of a `capture.toml`.
+    pub(super) fn to_toml(&self, recording: &Recording) -> Result<String, CalibrateError> {
+        #[derive(Serialize)]
+        struct File<'a> {
+            calibration: &'a Calibration,
+        }
+        let name = recording.path.file_name().unwrap_or_default();
+        let text = toml::to_string(&File {
+            calibration: &self.calibration,
+        })?;
+        Ok(format!(
+            "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}",
+            name.to_string_lossy(),
+            recording.sha256,
+            text
+        ))
+    }
+}
+
+impl fmt::Display for Calibrated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let c = &self.calibration;
+        let list = |values: &[f64], scale: f64, digits: usize| {
+            let texts: Vec<_> = values
+                .iter()
+                .map(|value| format!("{:.digits$}", value * scale))
+                .collect();
+            texts.join(" ")
+        };
+        let (mass, com, inertia) = (
+            &c.payload_mass_kg,
+            &c.payload_com_m,
+            &c.payload_inertia_kgm2,
+        );
+        writeln!(f, "free air      {:.1} s", self.free_air_s)?;
+        writeln!(f, "mass          {:.4} +-{:.4} kg", mass.value, mass.std)?;
+        writeln!(
+            f,
+            "centre        {} +-{} mm",
+            list(&com.value, 1e3, 2),
+            list(&com.std, 1e3, 2)
+        )?;
+        writeln!(
+            f,
+            "inertia       {} +-{} g m^2 (xx xy yy xz yz zz){}",
+            list(&inertia.value, 1e3, 3),
+            list(&inertia.std, 1e3, 3),
+            if self.inertia_made_possible {
+                ", moved to one that a body can have: shake harder to see it"
+            } else {
+                ""
+            }
+        )?;
+        if let Some(bias) = &c.wrench_bias {
+            writeln!(
+                f,
+                "bias          {} N, {} N m (+-{} N, {} N m)",
+                list(&bias.value[..3], 1.0, 3),
+                list(&bias.value[3..], 1.0, 4),
+                list(&bias.std[..3], 1.0, 3),
+                list(&bias.std[3..], 1.0, 4)
+            )?;
+        }
+        if let Some(rate) = &self.bias_rate {
+            writeln!(
+                f,
+                "bias drift    {} N/min, {} N m/min",
+                list(&rate.value[..3], 60.0, 3),
+                list(&rate.value[3..], 60.0, 4)
+            )?;
+        }
+        if let Some(rate) = &self.bias_per_kelvin {
+            writeln!(
+                f,
+                "per kelvin    {} N, {} N m",
+                list(&rate.value[..3], 1.0, 4),
+                list(&rate.value[3..], 1.0, 5)
+            )?;
+        }
+        match (&self.alignment, &self.not_aligned) {
+            (Some(alignment), _) => writeln!(f, "{alignment}")?,
+            (None, Some(reason)) => writeln!(f, "pose offset   not seen: {reason}")?,
+            (None, None) => {}
+        }
+        write!(
+            f,
+            "left over     {:.3} N, {:.4} N m rms below 8 Hz (before: {:.2} N, {:.3} N m)",
+            self.residual_rms[0], self.residual_rms[1], self.before_rms[0], self.before_rms[1]
+        )
+    }
+}
+
+impl fmt::Display for Alignment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "pose offset   {:+.3} ms to add to the pose's stamps (95 %: {:+.3} to {:+.3} ms)",
+            1e3 * self.offset_s,
+            1e3 * self.interval_s[0],
+            1e3 * self.interval_s[1]
+        )?;
+        match self.skew_ppm {
+            Some([skew, std]) => write!(f, ", skew {skew:+.1} +-{std:.1} ppm"),
+            None => Ok(()),
+        }
+    }
+}

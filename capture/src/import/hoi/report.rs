@@ -1,0 +1,81 @@
+//! What became of a recording of the dataset.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::calibrate::Alignment;
+use crate::import::mps::{SourceFile, TrajectoryCounts};
+
+/// What became of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct HoiReport {
+    /// `<location>_<range>`.
+    pub name: String,
+    /// The new recording.
+    pub path: PathBuf,
+    /// Wrenches and poses written.
+    pub samples: [u64; 2],
+    /// What the trajectory has and what of it was left out.
+    pub counts: TrajectoryCounts,
+    /// Where the calibration comes from.
+    pub calibration: HoiCalibration,
+    /// How far the poses were moved; none when the free air does not show it.
+    pub alignment: Option<Alignment>,
+    /// What is not there, and what that costs.
+    pub missing: Vec<String>,
+    /// What it was made from.
+    pub sources: Vec<SourceFile>,
+}
+
+/// Where a calibration comes from.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HoiCalibration {
+    /// Free air of the recording, s from its start.
+    FreeAir {
+        /// Its begin, s.
+        from_s: f64,
+        /// End of the free air, s.
+        until_s: f64,
+    },
+    /// The dataset's mass and centre of mass, and the bias of quiet stretches.
+    Constants {
+        /// Quiet stretches, s.
+        quiet_s: f64,
+    },
+}
+
+impl fmt::Display for HoiReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: {} wrenches, {} poses -> {}",
+            self.name,
+            self.samples[0],
+            self.samples[1],
+            self.path.display()
+        )?;
+        match &self.calibration {
+            HoiCalibration::FreeAir { from_s, until_s } => write!(
+                f,
+                "\n  tool weighed in free air, {from_s:.0} to {until_s:.0} s"
+            )?,
+
+            HoiCalibration::Constants { quiet_s } => {
+                write!(
+                    f,
+                    "\n  tool by the dataset's constants, bias from {quiet_s:.0} quiet s"
+                )?;
+            }
+        }
+        if let Some(alignment) = &self.alignment {
+            write!(f, "\n  {alignment}")?;
+        }
+        for missing in &self.missing {
+            write!(f, "\n  missing: {missing}")?;
+        }
+        Ok(())
+    }
+}
