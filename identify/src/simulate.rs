@@ -10,7 +10,7 @@ mod page;
 use crate::screw::JointKind;
 use crate::twin::Evaluator;
 
-pub use demand::{Demand, Opening, demand};
+pub use demand::{Demand, Opening, demand, shortest};
 pub use page::{page, said};
 
 /// How to let go.
@@ -398,6 +398,21 @@ mod tests {
             "{first:?}"
         );
         assert_eq!(found.exceeds(20.0), None);
+        // At 8.7 N m the spring and dry friction (8.4 N m) leave 0.3 N m for damping and inertia: slowly enough they are no more.
+        let quick = Opening {
+            duration: 0.5,
+            ..opening
+        };
+        let spring = twin(2.0, 0.4, 0.5, 8.0);
+        let slow = shortest(&spring, &quick, 8.7).unwrap();
+        let taking = |duration: f64| demand(&spring, &Opening { duration, ..quick }).peak;
+        assert!(
+            taking(slow) <= 8.7 && taking(0.998 * slow) > 8.7,
+            "{slow} s take {}",
+            taking(slow)
+        );
+        assert_eq!(shortest(&spring, &quick, 8.3), None);
+        assert_eq!(shortest(&spring, &opening, 20.0), Some(2.0));
         assert_eq!(found.not_probed, 0.0);
     }
 }

@@ -141,9 +141,7 @@ impl Truth {
     /// after `longest` seconds. Coordinates count from the closed stop.
     #[must_use]
     pub fn swing_time(&self, from: f64, until: f64, longest: f64) -> Option<f64> {
-        let mut world =
-            Declared::of(self.declared_joint(), self.object.clone(), &self.mechanisms).0;
-        world.place(from, 0.0);
+        let mut world = self.world(from);
         let side = (from - until).signum();
         let start = world.state().t;
         while world.state().t - start < longest {
@@ -153,6 +151,15 @@ impl Truth {
             }
         }
         None
+    }
+
+    /// The declared object at rest at `q` (from the closed stop), for whatever is to act on it.
+    #[must_use]
+    pub fn world(&self, q: f64) -> World {
+        let Declared(mut world) =
+            Declared::of(self.declared_joint(), self.object.clone(), &self.mechanisms);
+        world.place(q, 0.0);
+        world
     }
 
     fn declared_joint(&self) -> Joint {

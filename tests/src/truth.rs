@@ -10,6 +10,7 @@ use ft_identify::motion::{Motion, MotionSettings};
 use ft_identify::paper::PaperSettings;
 use ft_identify::pipeline::{Identified, identify_recording};
 use ft_identify::screw::{JointKind, ScrewAxis};
+use ft_identify::twin::Twin;
 use ft_recording::TopicMap;
 use ft_sim_hw::{Scenario, Simulation, Truth};
 
@@ -52,6 +53,22 @@ pub fn record_scenario(scenario: &Scenario, seed: u64, file: &Path) -> Truth {
         .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     assert!(!summary.lost_data(), "{scenario}: {summary}");
     simulation.truth()
+}
+
+/// Records a scenario and identifies it with the default settings.
+///
+/// # Panics
+/// It cannot be recorded or identified.
+#[must_use]
+pub fn twin_of(scenario: &Scenario, seed: u64, file: &Path) -> (Truth, Twin) {
+    let truth = record_scenario(scenario, seed, file);
+    let settings = MotionSettings::default();
+    let identified = identify_recording(file, &TopicMap::default(), &settings, &mut |_| {})
+        .unwrap_or_else(|error| panic!("{} seed {seed}: {error}", scenario.name));
+    let twin = identified
+        .twin
+        .unwrap_or_else(|| panic!("{} seed {seed}: no twin", scenario.name));
+    (truth, twin)
 }
 
 /// One recording compared with its truth.

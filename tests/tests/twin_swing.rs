@@ -1,16 +1,16 @@
-//! Identified twins swing shut as the simulated doors do. All figures are simulated.
+//! Identified twins swing as the simulated doors do. All figures are simulated.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use ft_tests::swing::closings;
+use ft_tests::swing::{DOORS, closings};
 use tempfile::tempdir;
 
 #[test]
-fn doors_with_closers_and_their_twins_close_in_the_same_time() {
+fn doors_and_their_twins_swing_in_the_same_time() {
     let folder = tempdir().unwrap();
     let file = folder.path().join("a.mcap");
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
-    for door in ["wood_door", "metal_door"] {
-        for closing in closings(door, 101, &[45.0, 90.0], &file) {
+    for (door, angles) in DOORS {
+        for closing in closings(door, 101, &angles, &file) {
             errors.push(closing.error(closing.twin).unwrap());
             guesses.push(closing.error(closing.prior).unwrap());
             println!("{closing:.3?}");

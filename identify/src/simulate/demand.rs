@@ -79,6 +79,39 @@ pub fn demand(twin: &Evaluator, opening: &Opening) -> Demand {
     out
 }
 
+/// No opening takes longer than this, s: what is too much then is too much however slowly.
+const SLOWEST: f64 = 600.0;
+
+/// The shortest time, from the opening's own on, s, within which `limit` (N m or N) is enough all the way; nothing when it never is.
+///
+/// The time is found to a thousandth, supposing that a slower opening needs no more: so it is with inertia and damping.
+#[must_use]
+pub fn shortest(twin: &Evaluator, opening: &Opening, limit: f64) -> Option<f64> {
+    let enough = |duration: f64| {
+        let slower = Opening {
+            duration,
+            ..*opening
+        };
+        demand(twin, &slower).exceeds(limit).is_none()
+    };
+    if enough(opening.duration) {
+        return Some(opening.duration);
+    }
+    let (mut short, mut long) = (opening.duration, SLOWEST);
+    if long <= short || !enough(long) {
+        return None;
+    }
+    while long > 1.001 * short {
+        let middle = (short * long).sqrt();
+        if enough(middle) {
+            long = middle;
+        } else {
+            short = middle;
+        }
+    }
+    Some(long)
+}
+
 impl Demand {
     /// Where more than `limit` (N m or N) is needed first; nothing when it is never.
     #[must_use]

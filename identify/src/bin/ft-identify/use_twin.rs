@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use ft_identify::export::{self, export};
 use ft_identify::output::refuse_existing;
 use ft_identify::screw::JointKind;
-use ft_identify::simulate::{Opening, Release, demand, page, release, said};
+use ft_identify::simulate::{Opening, Release, demand, page, release, said, shortest};
 use ft_identify::twin::Twin;
 
 use crate::UseError;
@@ -150,7 +150,8 @@ impl Simulate {
             to: place(self.open.as_deref().unwrap_or_default(), kind)?,
             duration: self.within,
         };
-        let needed = demand(&twin.evaluator(), &opening);
+        let evaluator = twin.evaluator();
+        let needed = demand(&evaluator, &opening);
         tell_left_out(twin);
         let radius = twin.radius();
         let lever = if kind == JointKind::Revolute {
@@ -159,12 +160,12 @@ impl Simulate {
             Some(1.0)
         };
         if self.json {
-            let stalls = lever
-                .zip(self.limit)
-                .map(|(lever, limit)| needed.exceeds(limit * lever));
+            let limit = lever.zip(self.limit).map(|(lever, limit)| lever * limit);
             println!(
                 "{:#}",
-                serde_json::json!({"schema": "ft-identify/opening/1", "kind": kind, "handle_radius": radius, "stalls_at": stalls.flatten(), "needed": needed})
+                serde_json::json!({"schema": "ft-identify/opening/1", "kind": kind, "handle_radius": radius,
+                    "exceeds_at": limit.and_then(|limit| needed.exceeds(limit)),
+                    "enough_within_s": limit.and_then(|limit| shortest(&evaluator, &opening, limit)), "needed": needed})
             );
             return Ok(());
         }
@@ -195,8 +196,12 @@ impl Simulate {
         match (self.limit, lever) {
             (Some(limit), Some(lever)) => match needed.exceeds(limit * lever) {
                 Some(q) => println!(
-                    "{limit} N are not enough: it stalls at {:.1} {unit}",
-                    scale * q
+                    "{limit} N are not enough: more is needed from {:.1} {unit} on; {}",
+                    scale * q,
+                    match shortest(&evaluator, &opening, limit * lever) {
+                        Some(time) => format!("within {time:.1} s they are"),
+                        None => "nor are they however slowly".to_owned(),
+                    }
                 ),
                 None => println!("{limit} N are enough"),
             },
