@@ -174,4 +174,8 @@ onnx.checker.check_model(onnx.load(folder / f"{name}.onnx"), full_check=True)
 session = onnxruntime.InferenceSession(str(folder / f"{name}.onnx"))
 got = session.run(None, {"q": q.astype(np.float32), "dq": dq.astype(np.float32)})[0]
 found["onnx_error"] = relative(got)
+# Ten thousand environments at once.
+many = np.resize(q, 10_000).astype(np.float32), np.resize(dq, 10_000).astype(np.float32)
+at_once = session.run(None, {"q": many[0], "dq": many[1]})[0]
+found["onnx_batch_error"] = float(np.abs(at_once - np.resize(got, 10_000)).max())
 print(json.dumps(found))

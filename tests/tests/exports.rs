@@ -4,6 +4,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use ft_identify::export::{Target, export};
+use ft_identify::simulate::{End, Release, release};
 use ft_identify::twin::Twin;
 use ft_tests::{peers, programs};
 use serde_json::Value;
@@ -131,6 +133,7 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
     for error in ["mujoco_error", "onnx_error"] {
         assert!(number(&found[error]) < 0.02, "{error}: {found}");
     }
+    assert_eq!(number(&found["onnx_batch_error"]), 0.0);
     for (error, announced) in [
         (
             &found["mujoco_native_error"],
@@ -171,4 +174,57 @@ fn a_drawer_opens_in_other_simulators() {
         return;
     };
     agrees(&twin, &found, ["prismatic", "linear"]);
+}
+
+/// A door that a spring, a damper and dry friction are: what the USD's joint attributes hold whole.
+fn springy() -> Twin {
+    let damping = serde_json::json!({"interval_q": [0.0, 1.5], "interval_sqrt_speed": [0.0, 1.5], "pieces": [1, 1],
+                                     "degree": [1, 1], "coefficients": [2.0, 2.0, 2.0, 2.0]});
+    let twin = serde_json::json!({
+        "schema": "ft-identify/twin/1",
+        "joint": {"frame": "world", "kind": "revolute", "axis_direction": [0, 0, 1], "axis_point": [1, 2, 0],
+                  "tool_position": [1.8, 2, 1.1], "q_range": [0.0, 1.5], "coordinate": {"sign": 1.0, "offset": 0.0}},
+        "beta": {"names": ["inertia", "coulomb", "viscous"], "units": ["kg m^2", "N m", "N m s/rad"],
+                 "values": [3.0, 0.5, 0.4], "covariance": []},
+        "effects": [], "domain": {"q": [0.0, 1.5], "dq": [-2.0, 2.0]},
+        "mechanism": {"kind": "spline", "damping": [damping, damping],
+            "load": {"interval": [0.0, 1.5], "pieces": 1, "degree": 1, "coefficients": [6.0, 9.0]}},
+        "provenance": {"recordings": [], "version": "test", "calibration": null, "held_out_rms": null}
+    });
+    Twin::from_json(&twin.to_string()).unwrap()
+}
+
+#[test]
+fn newton_swings_the_exported_usd_as_the_twin() {
+    let Some(python) = std::env::var_os("FT_NEWTON_PYTHON") else {
+        eprintln!(
+            "skipped: newton_swings_the_exported_usd_as_the_twin: set FT_NEWTON_PYTHON to a Python with newton, mujoco-warp, newton-usd-schemas"
+        );
+        return;
+    };
+    let folder = tempdir().unwrap();
+    let twin = springy();
+    export(&twin, &[Target::Usd], folder.path(), "door", false).unwrap();
+    let how = Release {
+        from: 0.8,
+        until: 0.0,
+        step: 1e-4,
+        longest: 30.0,
+    };
+    let ours = release(&twin.evaluator(), twin.joint.q_range, &how).unwrap();
+    let End::Arrived { time, .. } = ours.end else {
+        panic!("{:?}", ours.end)
+    };
+    let output = std::process::Command::new(python)
+        .arg(ft_tests::workspace_root().join("tests/peers/newton_swing.py"))
+        .arg(folder.path().join("door.usda"))
+        .args(["0.8", "0.0"])
+        .output()
+        .unwrap();
+    let said = programs::Finished::new("newton_swing.py", &output).expect_code(0);
+    let found: Value = serde_json::from_str(said.stdout.lines().last().unwrap()).unwrap();
+    println!("{found}, ours {time} s");
+    assert!((number(&found["swing_s"]) / time - 1.0).abs() < 0.02);
+    assert!(number(&found["effort_error"]) < 0.02);
+    assert!((number(&found["inertia"]) - 3.0).abs() < 1e-4);
 }

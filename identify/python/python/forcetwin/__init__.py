@@ -1,0 +1,4 @@
+"""Identified twins of doors and drawers: their effort over NumPy arrays, recordings, the identification."""
+from ._forcetwin import Identified, Samples, Twin, identify, read
+
+__all__ = ["Identified", "Samples", "Twin", "identify", "read"]
