@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
 use ft_identify::twin::Twin;
@@ -25,9 +25,11 @@ fn finish(command: &mut Command) -> Finished {
 }
 
 /// Builds the wheel and installs it, once for all tests of this file; `None` when there is no Python (one line was printed).
-fn tried() -> Option<&'static Tried> {
-    static TRIED: OnceLock<Option<Tried>> = OnceLock::new();
-    TRIED.get_or_init(make).as_ref()
+/// One test after the other: one of them has a stopwatch.
+fn tried() -> Option<MutexGuard<'static, Tried>> {
+    static TRIED: OnceLock<Option<Mutex<Tried>>> = OnceLock::new();
+    let tried = TRIED.get_or_init(|| make().map(Mutex::new)).as_ref()?;
+    Some(tried.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
 fn make() -> Option<Tried> {
