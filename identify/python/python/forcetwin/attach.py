@@ -153,16 +153,16 @@ def mjcf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
         if int(model.jnt_type[j]) in kinds and model.body_jntnum[body] == 1:
             part = np.eye(4)
             part[:3, :3], part[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
-            joints.append(Joint(model.joint(j).name, kinds[int(model.jnt_type[j])], data.xaxis[j], data.xanchor[j], part, distance(body)))
+            joints.append(Joint(model.joint(j).name or str(j), kinds[int(model.jnt_type[j])], data.xaxis[j], data.xanchor[j], part, distance(body)))
     joint, twin, axis_deg, axis_m = _choose(twin, joints, offset)
     file, native = _sidecar(twin, "mjcf", out, name, force)
     body, centre, axes = _body_in_part(twin, joint.part)
-    target = spec.joint(joint.name)
+    target = next(j for j in spec.joints if (model.joint(j.id).name or str(j.id)) == joint.name)
     target.stiffness, target.springref, target.damping = native["stiffness"], native["reference"], native["damping"]
     target.frictionloss, target.armature = native["friction"], 0.0
     # What is fixed to the part moves with it, and its mass is the twin's already.
-    for b in moved(model.joint(joint.name).bodyid[0]):
-        own = spec.body(model.body(b).name)
+    fixed = moved(model.jnt_bodyid[target.id])
+    for own in (body for body in spec.bodies if body.id in fixed):
         own.explicitinertial, own.mass, own.inertia = False, 0.0, np.zeros(3)
         for geom in own.geoms:
             geom.mass, geom.density = 0.0, 0.0
@@ -178,7 +178,7 @@ def mjcf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
 
 
 def urdf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float = 0.0, force: bool = False) -> Attached:
-    """Writes `out/name.urdf` and the table. Mesh paths stay as they are in the asset."""
+    """Writes `out/name.urdf` and the table. Relative paths of meshes lead to where they were; `package://` stays."""
     import yourdfpy
 
     twin = twin.in_frame("asset", a_from_w)
@@ -210,7 +210,8 @@ def urdf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
     for j in robot.robot.joints:
         if j.type in kinds:
             part = robot.get_transform(j.child, robot.base_link)
-            axis = part[:3, :3] @ (np.asarray(j.axis, float) / np.linalg.norm(j.axis))
+            own = np.array([1.0, 0.0, 0.0] if j.axis is None else j.axis, float)
+            axis = part[:3, :3] @ (own / np.linalg.norm(own))
             joints.append(Joint(j.name, kinds[j.type], axis, part[:3, 3], part, distance(j.child)))
     joint, twin, axis_deg, axis_m = _choose(twin, joints, offset)
     file, native = _sidecar(twin, "urdf", out, name, force)
@@ -233,6 +234,10 @@ def urdf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
             ElementTree.SubElement(inertial, "mass", value=repr(body["mass"]))
             pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
             ElementTree.SubElement(inertial, "inertia", {key: repr(float(full[at])) for key, at in pairs.items()})
+    for shape in [*root.iter("mesh"), *root.iter("texture")]:
+        named = shape.get("filename", "")
+        if named and "://" not in named and not os.path.isabs(named):
+            shape.set("filename", os.path.relpath(pathlib.Path(asset).resolve().parent / named, file.parent.resolve()))
     tree.write(file, encoding="unicode", xml_declaration=True)
     return Attached(file, joint.name, twin, axis_deg, axis_m, joint.distance)
 
