@@ -79,7 +79,8 @@ fn link_to_queue(bencher: Bencher<'_, '_>) {
     bencher
         .counter(FRAMES)
         .with_inputs(|| {
-            let (queues, ends) = queues(true, false);
+            let (queues, ends) = queues(false);
+            queues.set_recording(true);
             let config = bota_serial::Config {
                 startup: Startup::Listen,
                 ..bota_serial::Config::default()

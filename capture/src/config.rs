@@ -1,11 +1,13 @@
 //! `capture.toml`: which devices, where they are, and where the frames stand to each other.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use ft_recording::calibration::Calibration;
 use serde::{Deserialize, Serialize};
 
-use crate::rmw::Profile;
+use crate::encode::Topic;
+use crate::rmw::{Offer, Profile};
 
 /// The whole configuration. Keys that are not listed here are refused.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -203,7 +205,7 @@ impl Default for RecordingConfig {
 }
 
 /// Where the live topics go.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Network {
     /// Zenoh endpoints to listen on, such as `tcp/0.0.0.0:7447`; none = this host only.
@@ -212,17 +214,70 @@ pub struct Network {
     pub connect: Vec<String>,
     /// Be a router, so that ROS 2 nodes find each other through this program.
     pub router: bool,
+    /// Folder of keys made by `ft-capture keys`: then everything is encrypted and everybody has a role; none = in the clear.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keys: Option<PathBuf>,
+    /// Address of the live page, such as `127.0.0.1:8080`; none = no page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<SocketAddr>,
+    /// Address for Foxglove, Lichtblick and PlotJuggler, such as `127.0.0.1:8765`; none = not served.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub foxglove: Option<SocketAddr>,
+    /// What the page's commands must carry, at least 16 characters; none = a new one each time. Not written into recordings.
+    #[serde(skip_serializing)]
+    pub token: Option<String>,
     /// `ROS_DOMAIN_ID`.
     pub domain_id: u32,
+    /// Namespace of the topics, so that several grippers share a network: `blue` makes `/blue/ft/wrench`; empty = none.
+    pub namespace: String,
+    /// Messages that are kept of each stream for recorders on other machines that missed some: at 1 kHz 65536 are a minute,
+    /// and about 30 MB.
+    pub cache_samples: usize,
     /// Which ROS 2 distributions are to see the topics.
     pub profile: Profile,
 }
 
+impl Default for Network {
+    fn default() -> Self {
+        Self {
+            listen: Vec::new(),
+            connect: Vec::new(),
+            router: false,
+            keys: None,
+            view: None,
+            foxglove: None,
+            token: None,
+            domain_id: 0,
+            namespace: String::new(),
+            cache_samples: 65_536,
+            profile: Profile::default(),
+        }
+    }
+}
+
 impl Network {
-    /// Whether the operator said nothing about where to listen or connect.
+    /// Messages that are kept of `topic`.
+    #[must_use]
+    pub fn cached(&self, topic: Topic) -> usize {
+        match topic.offer() {
+            Offer::Stream => self.cache_samples.max(1),
+            Offer::Event => self.cache_samples.clamp(1, 1024),
+        }
+    }
+
+    /// The topic's name on the network: with the namespace in front.
+    #[must_use]
+    pub fn topic(&self, name: &str) -> String {
+        match self.namespace.as_str() {
+            "" => name.to_owned(),
+            namespace => format!("/{namespace}{name}"),
+        }
+    }
+
+    /// Whether the operator said nothing about where to listen or connect, nor how.
     #[must_use]
     pub fn asks_for_nothing(&self) -> bool {
-        self.listen.is_empty() && self.connect.is_empty() && !self.router
+        self.listen.is_empty() && self.connect.is_empty() && !self.router && self.keys.is_none()
     }
 }
 
@@ -310,6 +365,26 @@ impl Config {
                     "frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"
                 ));
             }
+        }
+        if !(self.network.namespace.is_empty() || is_name(&self.network.namespace)) {
+            return wrong(format!(
+                "network.namespace = {:?}: letters, digits, - and _, without slashes",
+                self.network.namespace
+            ));
+        }
+        if !(1..=10_000_000).contains(&self.network.cache_samples) {
+            return wrong(format!(
+                "network.cache_samples = {}: 1 to 10000000",
+                self.network.cache_samples
+            ));
+        }
+        if let Some(token) = &self.network.token
+            && (token.len() < 16 || !is_name(token))
+        {
+            return wrong(format!(
+                "network.token has {} characters: at least 16 letters, digits, - and _",
+                token.len()
+            ));
         }
         if !(10..=150).contains(&self.recording.flush_period_ms) {
             return wrong(format!(

@@ -163,6 +163,15 @@ impl Health {
         })
     }
 
+    /// Every device's account, in the order of the configuration.
+    #[must_use]
+    pub fn ledgers(&self) -> Vec<StreamLedger> {
+        self.devices
+            .iter()
+            .map(|device| device.counters.snapshot())
+            .collect()
+    }
+
     /// Every device's part of the summary.
     #[must_use]
     pub fn summary(&self) -> Vec<StreamSummary> {

@@ -104,6 +104,23 @@ pub struct StreamLedger {
 }
 
 impl StreamLedger {
+    /// What was added since `before`.
+    #[must_use]
+    pub const fn since(&self, before: &Self) -> Self {
+        Self {
+            received: self.received.saturating_sub(before.received),
+            gaps: self.gaps.saturating_sub(before.gaps),
+            drops: self.drops.saturating_sub(before.drops),
+            refused: self.refused.saturating_sub(before.refused),
+            duplicated: self.duplicated.saturating_sub(before.duplicated),
+            skipped: self.skipped.saturating_sub(before.skipped),
+            overrange: self.overrange.saturating_sub(before.overrange),
+            invalid: self.invalid.saturating_sub(before.invalid),
+            interruptions: self.interruptions.saturating_sub(before.interruptions),
+            view_drops: self.view_drops.saturating_sub(before.view_drops),
+        }
+    }
+
     /// Whether anything that the device measured is missing in the recording, or cannot be trusted.
     #[must_use]
     pub const fn lost_data(&self) -> bool {

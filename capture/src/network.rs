@@ -1,6 +1,11 @@
-//! The Zenoh session: loopback only unless asked, no multicast.
+//! The Zenoh session: loopback only unless asked, no multicast, and encrypted with roles when it has keys.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
 
 use crate::config::Network;
+use crate::keys::{self, Proof, Roles};
 use crate::sink::SinkError;
 
 /// Where the session listens when nothing was asked: where ROS 2 nodes on this host look for a router.
@@ -8,6 +13,11 @@ pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
 /// Where a router listens: every interface, because it was asked for.
 pub const ROUTER_ENDPOINT: &str = "tcp/[::]:7447";
+
+/// The longest message that is put together from fragments, bytes; ours have some hundreds.
+const LONGEST_MESSAGE: u32 = 1 << 20;
+/// Viewers, recorders and ROS 2 nodes at one time.
+const MOST_SESSIONS: u32 = 200;
 
 /// A session, and how it came about.
 #[derive(Debug)]
@@ -23,80 +33,215 @@ pub struct Opened {
 /// With neither `listen` nor `connect`, it listens on [`DEFAULT_ENDPOINT`]. It never joins what it was not told to join.
 ///
 /// # Errors
-/// An endpoint is malformed, or its port cannot be opened or reached.
+/// An endpoint is malformed, its port cannot be opened or reached, or the keys cannot be used.
 pub fn open(network: &Network) -> Result<Opened, SinkError> {
-    if network.router {
-        let listen = if network.listen.is_empty() {
-            vec![ROUTER_ENDPOINT.to_owned()]
-        } else {
-            network.listen.clone()
-        };
-        let session = start("router", &listen, &network.connect)?;
-        return Ok(Opened {
-            session,
-            how: format!("zenoh router on {}", listen.join(", ")),
-        });
+    let mut settings = Settings::new(if network.router { "router" } else { "peer" });
+    let (default, kind) = match (network.router, network.asks_for_nothing()) {
+        (true, _) => (Some(ROUTER_ENDPOINT), " router"),
+        (false, true) => (Some(DEFAULT_ENDPOINT), ""),
+        (false, false) => (None, ""),
+    };
+    let mut listen = network.listen.clone();
+    if let (true, Some(default)) = (listen.is_empty(), default) {
+        listen.push(default.to_owned());
     }
-    if !network.listen.is_empty() || !network.connect.is_empty() {
-        let session = start("peer", &network.listen, &network.connect)?;
-        let mut how = Vec::new();
-        if !network.listen.is_empty() {
-            how.push(format!("listening on {}", network.listen.join(", ")));
-        }
-        if !network.connect.is_empty() {
-            how.push(format!("connected to {}", network.connect.join(", ")));
-        }
-        return Ok(Opened {
-            session,
-            how: format!("zenoh {}", how.join(", ")),
-        });
+    if let Some(folder) = &network.keys {
+        listen.iter_mut().for_each(encrypt);
+        settings.secure_service(folder)?;
     }
-    let session = start("peer", &[DEFAULT_ENDPOINT.to_owned()], &[]).map_err(|error| SinkError::Zenoh {
-        what: "listening on this host",
-        why: format!(
-            "{error}; when something else holds the port, --connect {DEFAULT_ENDPOINT} joins it and --listen \
-             tcp/127.0.0.1:7448 takes another"
-        ),
-    })?;
+    let opened = settings.open(&listen, &network.connect);
+    let session = match (opened, network.asks_for_nothing()) {
+        (Err(error), true) => {
+            return Err(SinkError::Zenoh {
+                what: "listening on this host",
+                why: format!(
+                    "{error}; when something else holds the port, --connect {DEFAULT_ENDPOINT} joins it and --listen \
+                     tcp/127.0.0.1:7448 takes another"
+                ),
+            });
+        }
+        (opened, _) => opened?,
+    };
+    let mut how = Vec::new();
+    if !listen.is_empty() {
+        how.push(format!("listening on {}", listen.join(", ")));
+    }
+    if !network.connect.is_empty() {
+        how.push(format!("connected to {}", network.connect.join(", ")));
+    }
+    let only = if network.asks_for_nothing() {
+        " (this host only)"
+    } else {
+        ""
+    };
     Ok(Opened {
         session,
-        how: format!("zenoh on {DEFAULT_ENDPOINT} (this host only)"),
+        how: format!("zenoh{kind} {}{only}", how.join(", ")),
     })
 }
 
-/// Opens a viewer's session: it only connects.
+/// Opens a viewer's session: it only connects, with the keys in `keys` where the capture asks for them.
 ///
 /// # Errors
-/// Nothing answers at the endpoint.
-pub fn connect(endpoints: &[String]) -> Result<zenoh::Session, SinkError> {
-    start("client", &[], endpoints)
+/// Nothing answers at the endpoint, or it does not let this viewer in.
+pub fn connect(endpoints: &[String], keys: Option<&Path>) -> Result<zenoh::Session, SinkError> {
+    let mut settings = Settings::new("client");
+    let mut endpoints = endpoints.to_vec();
+    if let Some(folder) = keys {
+        endpoints.iter_mut().for_each(encrypt);
+        settings.secure_viewer(folder)?;
+    }
+    settings.open(&[], &endpoints)
 }
 
-fn start(mode: &str, listen: &[String], connect: &[String]) -> Result<zenoh::Session, SinkError> {
-    use zenoh::Wait;
-    let mut config = zenoh::Config::default();
-    let json = |endpoints: &[String]| serde_json::Value::from(endpoints.to_vec()).to_string();
-    for (key, value) in [
-        ("mode", format!("\"{mode}\"")),
-        ("listen/endpoints", json(listen)),
-        ("connect/endpoints", json(connect)),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("connect/timeout_ms", "3000".to_owned()),
-        ("connect/exit_on_failure", "true".to_owned()),
-    ] {
-        config
-            .insert_json5(key, &value)
-            .map_err(|error| SinkError::Zenoh {
-                what: "setting of the session",
-                why: format!("{key} = {value}: {error}"),
-            })?;
+/// `tcp/...` was meant as `tls/...` by who gave keys.
+fn encrypt(endpoint: &mut String) {
+    if let Some(rest) = endpoint.strip_prefix("tcp/") {
+        *endpoint = format!("tls/{rest}");
     }
-    zenoh::open(config)
-        .wait()
-        .map_err(|error| SinkError::Zenoh {
-            what: "opening the session",
-            why: explain(&error, listen, connect),
-        })
+}
+
+/// Zenoh's settings as keys and values.
+struct Settings(Vec<(&'static str, Value)>);
+
+impl Settings {
+    fn new(mode: &str) -> Self {
+        Self(vec![
+            ("mode", json!(mode)),
+            ("scouting/multicast/enabled", json!(false)),
+            ("connect/timeout_ms", json!(3000)),
+            ("connect/exit_on_failure", json!(true)),
+            // A viewer whose queue is full loses the message at once: the others do not wait for it.
+            (
+                "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+                json!(0),
+            ),
+            // A recorder that asks for what it missed and then does not take it is let go, and comes again.
+            (
+                "transport/link/tx/queue/congestion_control/block/wait_before_close",
+                json!(1_000_000),
+            ),
+            ("transport/link/rx/max_message_size", json!(LONGEST_MESSAGE)),
+            ("transport/unicast/max_sessions", json!(MOST_SESSIONS)),
+        ])
+    }
+
+    /// Certificates both ways or passwords, and what each role may do.
+    fn secure_service(&mut self, folder: &Path) -> Result<(), SinkError> {
+        let roles = keys::read_roles(folder)?;
+        let file = |name: &str| json!(folder.join(name));
+        self.0.extend([
+            ("transport/link/tls/root_ca_certificate", file("ca.pem")),
+            (
+                "transport/link/tls/listen_certificate",
+                file("certificate.pem"),
+            ),
+            ("transport/link/tls/listen_private_key", file("key.pem")),
+            (
+                "transport/link/tls/connect_certificate",
+                file("certificate.pem"),
+            ),
+            ("transport/link/tls/connect_private_key", file("key.pem")),
+            (
+                "transport/link/tls/enable_mtls",
+                json!(roles.proof == Proof::Certificate),
+            ),
+            ("transport/link/protocols", json!(["tls"])),
+            ("access_control", access_control(&roles)),
+        ]);
+        if roles.proof == Proof::Password {
+            self.0
+                .push(("transport/auth/usrpwd/dictionary_file", file("users.txt")));
+        }
+        Ok(())
+    }
+
+    fn secure_viewer(&mut self, folder: &Path) -> Result<(), SinkError> {
+        let file = |name: &str| json!(folder.join(name));
+        self.0.extend([
+            ("transport/link/tls/root_ca_certificate", file("ca.pem")),
+            ("transport/link/protocols", json!(["tls"])),
+        ]);
+        match keys::read_login(folder)? {
+            Some(login) => self.0.extend([
+                ("transport/auth/usrpwd/user", json!(login.user)),
+                ("transport/auth/usrpwd/password", json!(login.password)),
+            ]),
+            None => self.0.extend([
+                ("transport/link/tls/enable_mtls", json!(true)),
+                (
+                    "transport/link/tls/connect_certificate",
+                    file("certificate.pem"),
+                ),
+                ("transport/link/tls/connect_private_key", file("key.pem")),
+            ]),
+        }
+        Ok(())
+    }
+
+    fn open(mut self, listen: &[String], connect: &[String]) -> Result<zenoh::Session, SinkError> {
+        use zenoh::Wait;
+        self.0.push(("listen/endpoints", json!(listen)));
+        self.0.push(("connect/endpoints", json!(connect)));
+        let mut config = zenoh::Config::default();
+        for (key, value) in self.0 {
+            config
+                .insert_json5(key, &value.to_string())
+                .map_err(|error| SinkError::Zenoh {
+                    what: "setting of the session",
+                    // Not the value: it may be a password.
+                    why: format!("{key}: {error}"),
+                })?;
+        }
+        zenoh::open(config)
+            .wait()
+            .map_err(|error| SinkError::Zenoh {
+                what: "opening the session",
+                why: explain(&error, listen, connect),
+            })
+    }
+}
+
+/// Viewers take samples and ask how it stands; operators also command; nobody publishes, answers or deletes.
+fn access_control(roles: &Roles) -> Value {
+    let data = json!(["**", "@ros2_lv/**", "**/@adv/**"]);
+    let asked = json!(["ft_capture/*/status", "**/@adv/**"]);
+    let commands = json!([
+        "ft_capture/*/tare",
+        "ft_capture/*/mark",
+        "ft_capture/*/start",
+        "ft_capture/*/stop"
+    ]);
+    let rule = |id: &str, messages: Value, flow: &str, keys: &Value| json!({"id": id, "messages": messages, "flows": [flow], "permission": "allow", "key_exprs": keys});
+    let subject = |id: &str, names: &[String]| match roles.proof {
+        Proof::Certificate => json!({"id": id, "cert_common_names": names}),
+        Proof::Password => json!({"id": id, "usernames": names}),
+    };
+    let looks = ["sends", "subscribes", "asks", "answers"];
+    let (mut subjects, mut policies) = (Vec::new(), Vec::new());
+    if !roles.viewers.is_empty() {
+        subjects.push(subject("viewers", &roles.viewers));
+        policies.push(json!({"rules": looks, "subjects": ["viewers"]}));
+    }
+    if !roles.operators.is_empty() {
+        subjects.push(subject("operators", &roles.operators));
+        let rules = [&looks[..], &["commands", "obeys"]].concat();
+        policies.push(json!({"rules": rules, "subjects": ["operators"]}));
+    }
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": [
+            rule("sends", json!(["put", "declare_queryable", "liveliness_token"]), "egress", &data),
+            rule("subscribes", json!(["declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]), "ingress", &data),
+            rule("asks", json!(["query"]), "ingress", &asked),
+            rule("answers", json!(["reply"]), "egress", &data),
+            rule("commands", json!(["query"]), "ingress", &commands),
+            rule("obeys", json!(["reply"]), "egress", &commands),
+        ],
+        "subjects": subjects,
+        "policies": policies,
+    })
 }
 
 fn explain(error: &zenoh::Error, listen: &[String], connect: &[String]) -> String {

@@ -1,5 +1,8 @@
 //! The bounded queues between the acquisition threads and the threads that may wait.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 
 use crate::channel::Intake;
@@ -8,8 +11,8 @@ use crate::ledger::StreamCounters;
 
 /// Items that the writer may be behind: over a second of eight streams at 1 kHz with their raw frames.
 const WRITER_CAPACITY: usize = 16_384;
-/// Items that the publisher may be behind.
-const PUBLISHER_CAPACITY: usize = 8_192;
+/// Items that the publisher may be behind: while a recorder fetches what it missed, it waits some tenths of a second.
+const PUBLISHER_CAPACITY: usize = 32_768;
 /// Events and clock reports that the health thread may be behind.
 const HEALTH_CAPACITY: usize = 1_024;
 
@@ -18,7 +21,8 @@ const HEALTH_CAPACITY: usize = 1_024;
 /// `try_send` on a bounded crossbeam channel allocates nothing; to wake a sleeping receiver it takes a lock for a moment.
 #[derive(Clone, Debug)]
 pub struct Queues {
-    writer: Option<Sender<Item>>,
+    writer: Sender<Item>,
+    recording: Arc<AtomicBool>,
     publisher: Option<Sender<Item>>,
     health: Sender<Item>,
 }
@@ -26,24 +30,24 @@ pub struct Queues {
 /// The receiving ends.
 #[derive(Debug)]
 pub struct QueueEnds {
-    /// For the writer thread, when there is a recording.
-    pub writer: Option<Receiver<Item>>,
-    /// For the publisher thread, when there is a network side.
+    /// For the writer thread of each recording in turn.
+    pub writer: Receiver<Item>,
+    /// For the publisher thread, when somebody may look on.
     pub publisher: Option<Receiver<Item>>,
     /// For the health thread.
     pub health: Receiver<Item>,
 }
 
-/// Queues for a session that records or not, publishes or not.
+/// Queues for a session that publishes or not; nothing is recorded until [`Queues::set_recording`].
 #[must_use]
-pub fn queues(record: bool, publish: bool) -> (Queues, QueueEnds) {
-    let open = |wanted: bool, capacity| wanted.then(|| bounded(capacity)).unzip();
-    let (writer, writer_end) = open(record, WRITER_CAPACITY);
-    let (publisher, publisher_end) = open(publish, PUBLISHER_CAPACITY);
+pub fn queues(publish: bool) -> (Queues, QueueEnds) {
+    let (writer, writer_end) = bounded(WRITER_CAPACITY);
+    let (publisher, publisher_end) = publish.then(|| bounded(PUBLISHER_CAPACITY)).unzip();
     let (health, health_end) = bounded(HEALTH_CAPACITY);
     (
         Queues {
             writer,
+            recording: Arc::new(AtomicBool::new(false)),
             publisher,
             health,
         },
@@ -56,9 +60,14 @@ pub fn queues(record: bool, publish: bool) -> (Queues, QueueEnds) {
 }
 
 impl Queues {
-    /// There is no network side after all.
+    /// There is nobody to publish to after all.
     pub fn close_publisher(&mut self) {
         self.publisher = None;
+    }
+
+    /// Opens or closes the way to the writer for every copy of these queues.
+    pub fn set_recording(&self, recording: bool) {
+        self.recording.store(recording, Ordering::Release);
     }
 }
 
@@ -73,8 +82,8 @@ impl Intake for Queues {
         if published && let Some(publisher) = &self.publisher {
             send(publisher, item.clone(), || counters.add_view_drop());
         }
-        if let Some(writer) = &self.writer {
-            send(writer, item, || counters.add_drop());
+        if self.recording.load(Ordering::Acquire) {
+            send(&self.writer, item, || counters.add_drop());
         }
     }
 }
@@ -104,12 +113,12 @@ mod tests {
 
     #[test]
     fn a_viewer_that_stands_still_costs_the_recording_nothing() {
-        let (mut queues, ends) = queues(true, true);
+        let (mut queues, ends) = queues(true);
+        queues.set_recording(true);
         let counters = StreamCounters::default();
-        let writer = ends.writer.as_ref().unwrap();
         for _ in 0..PUBLISHER_CAPACITY + 7 {
             queues.put(mark(), &counters);
-            writer.recv().unwrap();
+            ends.writer.recv().unwrap();
         }
         let ledger = counters.snapshot();
         assert_eq!((ledger.drops, ledger.view_drops), (0, 7));
@@ -117,11 +126,26 @@ mod tests {
 
     #[test]
     fn a_writer_that_stands_still_is_counted() {
-        let (mut queues, _ends) = queues(true, false);
+        let (mut queues, _ends) = queues(false);
+        queues.set_recording(true);
         let counters = StreamCounters::default();
         for _ in 0..WRITER_CAPACITY + 3 {
             queues.put(mark(), &counters);
         }
         assert_eq!(counters.snapshot().drops, 3);
+    }
+
+    #[test]
+    fn nothing_reaches_the_writer_before_the_start_and_after_the_end() {
+        let (mut queues, ends) = queues(false);
+        let counters = StreamCounters::default();
+        let mut of_a_link = queues.clone();
+        for (recording, waiting) in [(false, 0), (true, 1), (false, 1)] {
+            queues.set_recording(recording);
+            of_a_link.put(mark(), &counters);
+            assert_eq!(ends.writer.len(), waiting);
+        }
+        queues.put(mark(), &counters);
+        assert_eq!((ends.writer.len(), counters.snapshot().drops), (1, 0));
     }
 }

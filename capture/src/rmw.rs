@@ -80,9 +80,10 @@ impl Topic {
     #[must_use]
     pub fn token(&self, node: &NodeName, endpoint_id: usize, offer: Offer) -> String {
         format!(
-            "@ros2_lv/{}/{}/0/{endpoint_id}/MP/%/%/{}/{}/{}/{}/{}",
+            "@ros2_lv/{}/{}/0/{endpoint_id}/MP/%/%{}/{}/{}/{}/{}/{}",
             node.domain_id,
             node.zenoh_id,
+            node.namespace,
             node.node,
             self.name.replace('/', "%"),
             self.dds_type,
@@ -97,6 +98,8 @@ impl Topic {
 pub struct NodeName {
     /// `ROS_DOMAIN_ID`.
     pub domain_id: u32,
+    /// Namespace of the node and of its topics, without slashes; empty = the root.
+    pub namespace: String,
     /// The session's id as Zenoh prints it.
     pub zenoh_id: String,
     /// The node's name, without slashes.
@@ -108,8 +111,8 @@ impl NodeName {
     #[must_use]
     pub fn token(&self) -> String {
         format!(
-            "@ros2_lv/{}/{}/0/0/NN/%/%/{}",
-            self.domain_id, self.zenoh_id, self.node
+            "@ros2_lv/{}/{}/0/0/NN/%/%{}/{}",
+            self.domain_id, self.zenoh_id, self.namespace, self.node
         )
     }
 }
@@ -138,18 +141,35 @@ pub fn attachment(sequence: i64, source_ns: i64, gid: [u8; 16]) -> [u8; ATTACHME
     bytes
 }
 
-/// Sequence number and source time of an attachment; `None` when it is not one of rmw_zenoh's.
+/// What an attachment says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// The publisher's number of the message, from 1.
+    pub sequence: i64,
+    /// Source time, ns since the Unix epoch.
+    pub source_ns: i64,
+    /// The publisher's id.
+    pub gid: [u8; 16],
+}
+
+/// Reads an attachment; `None` when it is not one of rmw_zenoh's.
 #[must_use]
-pub fn read_attachment(bytes: &[u8]) -> Option<(i64, i64)> {
-    if bytes.len() != ATTACHMENT_LEN || bytes.get(16) != Some(&16) {
-        return None;
-    }
-    let number = |from: usize| {
-        Some(i64::from_le_bytes(
-            bytes.get(from..from + 8)?.try_into().ok()?,
-        ))
-    };
-    Some((number(0)?, number(8)?))
+pub fn read_attachment(bytes: &[u8]) -> Option<Attachment> {
+    let (numbers, rest) = bytes.split_first_chunk::<16>()?;
+    let [16, gid @ ..] = rest else { return None };
+    let (sequence, source_ns) = numbers.split_first_chunk::<8>()?;
+    Some(Attachment {
+        sequence: i64::from_le_bytes(*sequence),
+        source_ns: i64::from_le_bytes(source_ns.try_into().ok()?),
+        gid: gid.try_into().ok()?,
+    })
+}
+
+/// `geometry_msgs::msg::dds_::WrenchStamped_` as ROS writes it, `geometry_msgs/msg/WrenchStamped`.
+#[must_use]
+pub fn ros_type(dds_type: &str) -> Option<String> {
+    let (package, message) = dds_type.strip_suffix('_')?.split_once("::msg::dds_::")?;
+    Some(format!("{package}/msg/{message}"))
 }
 
 #[cfg(test)]
@@ -197,6 +217,7 @@ mod tests {
     fn tokens_and_their_gid_agree_with_the_reference() {
         let node = NodeName {
             domain_id: 0,
+            namespace: String::new(),
             zenoh_id: "9ca0f8facf84ffb1e6bfa4f2500889f0".to_owned(),
             node: "ft_capture".to_owned(),
         };
@@ -216,6 +237,11 @@ mod tests {
             node.token(),
             "@ros2_lv/0/9ca0f8facf84ffb1e6bfa4f2500889f0/0/0/NN/%/%/ft_capture"
         );
+        let blue = NodeName {
+            namespace: "blue".to_owned(),
+            ..node
+        };
+        assert!(blue.token().ends_with("/NN/%/%blue/ft_capture"));
     }
 
     #[test]
@@ -228,7 +254,15 @@ mod tests {
             hex,
             "d80000000000000034dae10162f8c41810f07168d3856ce9f689254cbed6252151"
         );
-        assert_eq!(read_attachment(&bytes), Some((216, source_ns)));
-        assert_eq!(read_attachment(&bytes[..32]), None);
+        let read = Attachment {
+            sequence: 216,
+            source_ns,
+            gid: id,
+        };
+        assert_eq!(read_attachment(&bytes), Some(read));
+        for length in 0..bytes.len() {
+            assert_eq!(read_attachment(&bytes[..length]), None);
+        }
+        assert_eq!(read_attachment(&[bytes.as_slice(), &[0]].concat()), None);
     }
 }

@@ -21,6 +21,8 @@ use crate::summary::Summary;
 pub mod control;
 pub mod link_loop;
 pub mod live;
+mod publisher;
+mod recorder;
 pub mod replay;
 pub mod stepped;
 
@@ -87,6 +89,9 @@ pub enum SessionError {
     /// The recording or the network failed.
     #[error(transparent)]
     Sink(#[from] SinkError),
+    /// The live page cannot be served.
+    #[error(transparent)]
+    Web(#[from] crate::web::WebError),
     /// The simulation cannot be run.
     #[error("simulation: {0}")]
     Simulation(String),
@@ -183,17 +188,33 @@ fn health(plan: &Plan, counters: &[Arc<StreamCounters>]) -> Health {
     )
 }
 
+/// The accounts when a recording began: what was counted before is not of that recording.
+#[derive(Clone, Debug, Default)]
+pub struct Baseline {
+    /// Every device's, in the order of the configuration; empty = nothing was counted before.
+    pub streams: Vec<StreamLedger>,
+    /// The service's own.
+    pub own: StreamLedger,
+}
+
 /// The metadata `ft.ledger`: one JSON object for each stream, and one for what the service itself says.
 #[must_use]
-pub fn ledger_metadata(health: &Health, own: StreamLedger) -> BTreeMap<String, String> {
+pub fn ledger_metadata(
+    health: &Health,
+    own: StreamLedger,
+    before: &Baseline,
+) -> BTreeMap<String, String> {
+    let own = own.since(&before.own);
     let own = serde_json::json!({"drops": own.drops, "view_drops": own.view_drops});
     let mut ledger: BTreeMap<String, String> = health
         .summary()
         .iter()
-        .map(|stream| {
+        .enumerate()
+        .map(|(index, stream)| {
+            let earlier = before.streams.get(index).copied().unwrap_or_default();
             (
                 stream.name.clone(),
-                serde_json::to_string(&stream.ledger).unwrap_or_default(),
+                serde_json::to_string(&stream.ledger.since(&earlier)).unwrap_or_default(),
             )
         })
         .collect();
@@ -208,7 +229,7 @@ pub fn summarize(
     own: StreamLedger,
     start: HostTime,
     end: HostTime,
-    file: Option<FileSummary>,
+    files: Vec<FileSummary>,
 ) -> Summary {
     Summary {
         duration_s: end.seconds_since(start),
@@ -216,8 +237,18 @@ pub fn summarize(
         own_drops: own.drops,
         own_view_drops: own.view_drops,
         source_damage: Vec::new(),
-        file,
+        files,
     }
 }
 
 pub use crate::summary::FileSummary;
+
+fn spawn<T: Send + 'static>(
+    name: &str,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<std::thread::JoinHandle<T>, SessionError> {
+    std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(work)
+        .map_err(SessionError::Thread)
+}

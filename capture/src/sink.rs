@@ -29,6 +29,9 @@ pub enum SinkError {
     /// The recording cannot be written.
     #[error(transparent)]
     Recording(#[from] ft_recording::writer::WriteError),
+    /// The keys of the network cannot be used.
+    #[error("keys: {0}")]
+    Keys(#[from] crate::keys::KeyError),
     /// The network side failed.
     #[error("zenoh: {what}: {why}")]
     Zenoh {

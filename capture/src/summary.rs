@@ -21,8 +21,8 @@ pub struct Summary {
     /// What is wrong with the recording that was replayed, one line each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub source_damage: Vec<String>,
-    /// The recording.
-    pub file: Option<FileSummary>,
+    /// The recordings, in the order in which they were finished.
+    pub files: Vec<FileSummary>,
 }
 
 /// A finished recording.
@@ -30,6 +30,8 @@ pub struct Summary {
 pub struct FileSummary {
     /// Where it is.
     pub path: PathBuf,
+    /// From its start to its end.
+    pub duration_s: f64,
     /// Its size.
     pub bytes: u64,
     /// Messages by topic.
@@ -107,13 +109,13 @@ impl fmt::Display for Summary {
         for line in &self.source_damage {
             writeln!(f, "the replayed recording is damaged: {line}")?;
         }
-        if let Some(file) = &self.file {
+        for file in &self.files {
             writeln!(
                 f,
                 "recorded {} ({:.1} MB, {:.1} s)",
                 file.path.display(),
                 file.bytes as f64 * 1e-6,
-                self.duration_s
+                file.duration_s
             )?;
         }
         let verdict = if self.lost_data() {

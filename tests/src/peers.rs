@@ -65,6 +65,69 @@ pub fn programs(test: &str) -> Option<&'static Path> {
     python(test)?.parent()
 }
 
+/// A Chromium: `$FT_CHROMIUM`, one on the path, or where tests may not be skipped and apt may install one, that one.
+/// `None` after printing one line that says what `test` skips without it.
+///
+/// # Panics
+/// `FT_REQUIRE_PEERS` is set and there is none.
+#[must_use]
+pub fn chromium(test: &str) -> Option<PathBuf> {
+    static CHROMIUM: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let required = std::env::var_os("FT_REQUIRE_PEERS").is_some();
+    match CHROMIUM.get_or_init(|| find_chromium(required)) {
+        Ok(program) => Some(program.clone()),
+        Err(why) => {
+            assert!(!required, "{test}: {why}");
+            let _ = writeln!(std::io::stderr(), "skipped: {test}: {why}");
+            None
+        }
+    }
+}
+
+fn find_chromium(install: bool) -> Result<PathBuf, String> {
+    if let Some(named) = std::env::var_os("FT_CHROMIUM") {
+        return Ok(PathBuf::from(named));
+    }
+    if let Some(found) = chromium_on_path() {
+        return Ok(found);
+    }
+    if !install {
+        return Err(
+            "there is no Chromium (apt-get install chromium, or name one in FT_CHROMIUM)"
+                .to_owned(),
+        );
+    }
+    let lock = std::fs::File::create(workspace_root().join("target/chromium.lock"))
+        .map_err(|error| error.to_string())?;
+    lock.lock().map_err(|error| error.to_string())?;
+    for arguments in [
+        vec!["update", "-qq"],
+        vec![
+            "install",
+            "-qq",
+            "-y",
+            "--no-install-recommends",
+            "chromium",
+        ],
+    ] {
+        succeed(
+            Command::new("apt-get")
+                .args(arguments)
+                .env("DEBIAN_FRONTEND", "noninteractive"),
+        )?;
+    }
+    chromium_on_path().ok_or_else(|| "apt installed no Chromium".to_owned())
+}
+
+fn chromium_on_path() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path)
+        .flat_map(|folder| {
+            ["chromium", "chromium-browser", "google-chrome"].map(|name| folder.join(name))
+        })
+        .find(|program| program.is_file())
+}
+
 /// Several test programs may come here at once: each makes the environment under a lock file's protection.
 fn make_environment() -> Result<PathBuf, String> {
     let root = workspace_root();

@@ -87,6 +87,15 @@ impl<'a> Encoder<'a> {
         self.out.extend_from_slice(&value.to_le_bytes());
     }
 
+    pub(crate) fn f32(&mut self, value: f32) {
+        self.align(4);
+        self.out.extend_from_slice(&value.to_le_bytes());
+    }
+
+    pub(crate) fn bool(&mut self, value: bool) {
+        self.out.push(u8::from(value));
+    }
+
     pub(crate) fn f64(&mut self, value: f64) {
         self.align(8);
         self.out.extend_from_slice(&value.to_le_bytes());
@@ -203,6 +212,18 @@ impl<'a> Decoder<'a> {
             Endian::Little => u32::from_le_bytes(bytes),
             Endian::Big => u32::from_be_bytes(bytes),
         })
+    }
+
+    pub(crate) fn f32(&mut self) -> Result<f32, CdrError> {
+        let bytes = self.aligned("f32")?;
+        Ok(match self.endian {
+            Endian::Little => f32::from_le_bytes(bytes),
+            Endian::Big => f32::from_be_bytes(bytes),
+        })
+    }
+
+    pub(crate) fn bool(&mut self) -> Result<bool, CdrError> {
+        self.aligned("bool").map(|[byte]| byte != 0)
     }
 
     pub(crate) fn f64(&mut self) -> Result<f64, CdrError> {

@@ -43,7 +43,7 @@ macro_rules! primitive {
         }
     )*};
 }
-primitive! { u8, u8; i32, i32; u32, u32; f64, f64; }
+primitive! { u8, u8; i32, i32; u32, u32; f32, f32; f64, f64; bool, bool; }
 
 impl Field for String {
     fn write(&self, encoder: &mut Encoder<'_>) {
@@ -286,6 +286,100 @@ structs! {
         /// One per component.
         status: Vec<DiagnosticStatus>,
     }
+
+    /// `std_msgs/msg/ColorRGBA`, 0 to 1.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    ColorRgba {
+        /// Red.
+        r: f32,
+        /// Green.
+        g: f32,
+        /// Blue.
+        b: f32,
+        /// Opacity.
+        a: f32,
+    }
+
+    /// `builtin_interfaces/msg/Duration`.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    RosDuration {
+        /// Seconds.
+        sec: i32,
+        /// Nanoseconds after `sec`, below 1e9.
+        nanosec: u32,
+    }
+
+    /// `sensor_msgs/msg/CompressedImage`.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    CompressedImage {
+        /// When it was taken.
+        header: Header,
+        /// `jpeg`, `png`.
+        format: String,
+        /// The file.
+        data: Vec<u8>,
+    }
+
+    /// `visualization_msgs/msg/UVCoordinate`.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    UvCoordinate {
+        /// Along the texture's width.
+        u: f32,
+        /// Along its height.
+        v: f32,
+    }
+
+    /// `visualization_msgs/msg/MeshFile`.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    MeshFile {
+        /// Its name.
+        filename: String,
+        /// Its content.
+        data: Vec<u8>,
+    }
+
+    /// `visualization_msgs/msg/Marker`, as Jazzy and later have it.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    Marker {
+        /// When and in which frame it stands.
+        header: Header,
+        /// With `id` names the marker.
+        ns: String,
+        /// With `ns` names the marker.
+        id: i32,
+        /// 0 is an arrow.
+        kind: i32,
+        /// 0 adds or changes it.
+        action: i32,
+        /// Where it stands; `points` are in it.
+        pose: Pose,
+        /// Of an arrow between two points: shaft diameter, head diameter, head length, m.
+        scale: Vector3,
+        /// Colour.
+        color: ColorRgba,
+        /// How long it stays; 0 is for ever.
+        lifetime: RosDuration,
+        /// Whether it moves with its frame.
+        frame_locked: bool,
+        /// Of an arrow: tail and tip, m.
+        points: Vec<Point>,
+        /// One for each point, or none.
+        colors: Vec<ColorRgba>,
+        /// Name of a texture.
+        texture_resource: String,
+        /// Texture.
+        texture: CompressedImage,
+        /// Where the texture lies.
+        uv_coordinates: Vec<UvCoordinate>,
+        /// Of a text.
+        text: String,
+        /// Name of a mesh.
+        mesh_resource: String,
+        /// Mesh.
+        mesh_file: MeshFile,
+        /// Whether the mesh has its own materials.
+        mesh_use_embedded_materials: bool,
+    }
 }
 
 messages! {
@@ -297,6 +391,7 @@ messages! {
     TFMessage, "tf2_msgs/msg/TFMessage", TF_MESSAGE, TF_MESSAGE_HASH;
     Text, "std_msgs/msg/String", STRING, STRING_HASH;
     DiagnosticArray, "diagnostic_msgs/msg/DiagnosticArray", DIAGNOSTIC_ARRAY, DIAGNOSTIC_ARRAY_HASH;
+    Marker, "visualization_msgs/msg/Marker", MARKER, MARKER_HASH;
 }
 
 impl DiagnosticStatus {

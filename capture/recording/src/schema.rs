@@ -42,6 +42,19 @@ macro_rules! quaternion {
         )
     };
 }
+macro_rules! point {
+    () => {
+        dependency!("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n")
+    };
+}
+macro_rules! pose {
+    () => {
+        dependency!(
+            "geometry_msgs/Pose",
+            "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
+        )
+    };
+}
 macro_rules! transform_stamped {
     () => {
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
@@ -103,11 +116,8 @@ pub const JOINT_STATE_HASH: &str =
 pub const POSE_STAMPED: &str = concat!(
     "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
     header!(),
-    dependency!(
-        "geometry_msgs/Pose",
-        "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
-    ),
-    dependency!("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
+    pose!(),
+    point!(),
     quaternion!(),
 );
 /// RIHS01 hash of [`POSE_STAMPED`].
@@ -148,6 +158,37 @@ pub const DIAGNOSTIC_ARRAY: &str = concat!(
 pub const DIAGNOSTIC_ARRAY_HASH: &str =
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e";
 
+/// `visualization_msgs/msg/Marker`, of Jazzy and later; published to viewers, not recorded.
+pub const MARKER: &str = concat!(
+    "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n",
+    "geometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\nbuiltin_interfaces/Duration lifetime\nbool frame_locked\n",
+    "geometry_msgs/Point[] points\nstd_msgs/ColorRGBA[] colors\nstring texture_resource\n",
+    "sensor_msgs/CompressedImage texture\nvisualization_msgs/UVCoordinate[] uv_coordinates\nstring text\n",
+    "string mesh_resource\nvisualization_msgs/MeshFile mesh_file\nbool mesh_use_embedded_materials\n",
+    header!(),
+    pose!(),
+    point!(),
+    quaternion!(),
+    vector3!(),
+    dependency!(
+        "std_msgs/ColorRGBA",
+        "float32 r\nfloat32 g\nfloat32 b\nfloat32 a\n"
+    ),
+    dependency!("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
+    dependency!(
+        "sensor_msgs/CompressedImage",
+        "std_msgs/Header header\nstring format\nuint8[] data\n"
+    ),
+    dependency!("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n"),
+    dependency!(
+        "visualization_msgs/MeshFile",
+        "string filename\nuint8[] data\n"
+    ),
+);
+/// RIHS01 hash of [`MARKER`].
+pub const MARKER_HASH: &str =
+    "RIHS01_45b13ccf791f225962bf74e746f9644518855d783a6f42ba0cc14fde2b4f3ce0";
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -155,7 +196,7 @@ mod tests {
     use sha2::{Digest, Sha256};
 
     use crate::message::{
-        DiagnosticArray, JointState, Message, PoseStamped, TFMessage, Temperature, Text,
+        DiagnosticArray, JointState, Marker, Message, PoseStamped, TFMessage, Temperature, Text,
         TransformStamped, WrenchStamped,
     };
 
@@ -194,9 +235,12 @@ mod tests {
             None => (kind, 0),
         };
         let (id, nested) = match element {
+            "uint8" => (3, String::new()),
             "int32" => (6, String::new()),
             "uint32" => (7, String::new()),
+            "float32" => (10, String::new()),
             "float64" => (11, String::new()),
+            "bool" => (15, String::new()),
             "byte" => (16, String::new()),
             "string" => (17, String::new()),
             nested => (1, full_name(nested)),
@@ -255,6 +299,7 @@ mod tests {
         check::<TransformStamped>();
         check::<TFMessage>();
         check::<DiagnosticArray>();
+        check::<Marker>();
     }
 
     #[test]
@@ -262,6 +307,7 @@ mod tests {
         for (top, definition) in [
             (TFMessage::TYPE_NAME, TFMessage::DEFINITION),
             (DiagnosticArray::TYPE_NAME, DiagnosticArray::DEFINITION),
+            (Marker::TYPE_NAME, Marker::DEFINITION),
             (PoseStamped::TYPE_NAME, PoseStamped::DEFINITION),
             (WrenchStamped::TYPE_NAME, WrenchStamped::DEFINITION),
         ] {

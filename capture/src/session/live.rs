@@ -1,41 +1,33 @@
 //! A session in real time: one thread for each link, one for the recording, one for the network.
 
-use std::collections::BTreeMap;
-use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use crossbeam_channel::Receiver;
 use ft_drivers::{Clock, MonotonicClock};
-use ft_recording::writer::Finished;
 use ft_wire::HostTime;
 use serde_json::{Value, json};
 
-use super::control::{Command, Control, Request};
-use super::{FileSummary, Plan, SessionError, health, ledger_metadata, summarize};
+use super::control::{Command, Commands, Request, refusal};
+use super::publisher::Publisher;
+use super::recorder::{Begun, Recorder, Source};
+use super::{Baseline, FileSummary, Plan, SessionError, health, ledger_metadata, summarize};
 use crate::channel::{Channel, Intake};
-use crate::encode::static_transforms;
 use crate::health::Health;
 use crate::item::{Body, Item};
 use crate::ledger::StreamCounters;
-use crate::merge::Merge;
-use crate::network;
 use crate::open::{self, Connection};
 use crate::queues::{Queues, queues};
 use crate::session::link_loop::LinkThread;
-use crate::sink::Sink;
-use crate::sink::mcap::McapSink;
-use crate::sink::zenoh::ZenohSink;
 use crate::summary::Summary;
 
 /// The operator's loop: marks, commands, diagnostics.
 const OPERATOR_PERIOD: Duration = Duration::from_millis(20);
-/// How long a sink sleeps when nothing comes.
-const SINK_PERIOD: Duration = Duration::from_millis(20);
-/// How long the writer waits for a slower link thread before it writes in order of arrival.
-const MERGE_HOLD: Duration = Duration::from_millis(30);
+/// How often this program's own viewers hear how it stands.
+const STATUS_PERIOD: Duration = Duration::from_millis(250);
 
 /// What the session asks its surroundings, about 50 times a second.
 pub trait Surroundings {
@@ -60,7 +52,7 @@ pub fn run(
     surroundings: &mut impl Surroundings,
 ) -> Result<Summary, SessionError> {
     let start = clock.now();
-    let (mut queues, ends) = queues(plan.record.is_some(), plan.publish);
+    let (mut queues, ends) = queues(plan.publish);
     let counters: Vec<_> = plan
         .config
         .devices
@@ -69,98 +61,46 @@ pub fn run(
         .collect();
     let health = health(plan, &counters);
     let stop = Arc::new(AtomicBool::new(false));
+    let (commands, requests) = Commands::new();
 
-    let network = start_network(plan, clock, ends.publisher, &mut queues, surroundings)?;
+    let publisher = Publisher::start(
+        plan,
+        clock,
+        ends.publisher,
+        &commands,
+        &mut queues,
+        surroundings,
+    )?;
+    // What devices say at their set-up waits in the queue until the file is there.
+    queues.set_recording(plan.record.is_some());
     let links = open_links(plan, clock, connections, &queues, &counters, &stop)?;
-    let recorder = match start_recorder(plan, clock, start, ends.writer) {
-        Ok(recorder) => recorder,
-        Err(error) => {
-            stop.store(true, Ordering::Relaxed);
-            links.into_iter().for_each(|link| drop(link.join()));
-            return Err(error);
-        }
-    };
-
     let mut operator = Operator {
+        plan,
         clock,
         start,
         queues,
+        items: ends.writer,
         own: Arc::new(StreamCounters::default()),
         health,
         health_items: ends.health,
+        requests,
+        recorder: None,
+        files: Vec::new(),
+        failed: None,
     };
-    operator.attend(
-        plan,
-        network.as_ref(),
-        recorder.as_ref(),
-        &links,
-        surroundings,
-    );
+    let attended = operator.attend(&links, &publisher, surroundings);
 
     stop.store(true, Ordering::Relaxed);
     let panicked = links
         .into_iter()
         .filter_map(|link| link.join().err())
         .count();
-    operator.take_health(surroundings);
-    let Operator {
-        health,
-        own,
-        queues,
-        ..
-    } = operator;
-    drop(queues);
-    let end = clock.now();
-    let finished = recorder
-        .map(|recorder| recorder.finish(&ledger_metadata(&health, own.snapshot())))
-        .transpose()?;
-    if let Some(network) = network {
-        network.finish(surroundings);
-    }
+    let summary = attended.and_then(|()| operator.end(surroundings));
+    publisher.finish(surroundings);
     if panicked > 0 {
         return Err(SessionError::Panicked("link"));
     }
-    let file = finished.map(|done| FileSummary {
-        path: done.path,
-        bytes: done.bytes,
-        messages: done.messages,
-    });
-    Ok(summarize(&health, own.snapshot(), start, end, file))
-}
-
-/// Without a network that was asked for there is no session; without the one that nobody asked for there is.
-fn start_network(
-    plan: &Plan,
-    clock: MonotonicClock,
-    items: Option<Receiver<Item>>,
-    queues: &mut Queues,
-    surroundings: &mut impl Surroundings,
-) -> Result<Option<Network>, SessionError> {
-    let Some(items) = items else { return Ok(None) };
-    match Network::start(plan, clock, items, surroundings) {
-        Ok(network) => Ok(Some(network)),
-        Err(error) if plan.config.network.asks_for_nothing() => {
-            surroundings.log(&format!("no live topics: {error}"));
-            queues.close_publisher();
-            Ok(None)
-        }
-        Err(error) => Err(error),
-    }
-}
-
-fn start_recorder(
-    plan: &Plan,
-    clock: MonotonicClock,
-    start: HostTime,
-    items: Option<Receiver<Item>>,
-) -> Result<Option<Recorder>, SessionError> {
-    let (Some(path), Some(items)) = (&plan.record, items) else {
-        return Ok(None);
-    };
-    let preamble = plan.preamble(start, clock.anchor(), "monotonic, anchored once")?;
-    let sink = McapSink::create(path, &plan.writer_options(), &preamble)?;
-    let sync_period = Duration::from_millis(plan.config.recording.sync_period_ms);
-    Recorder::start(sink, items, clock, sync_period).map(Some)
+    summary
 }
 
 fn open_links(
@@ -202,28 +142,41 @@ fn open_links(
 }
 
 /// What the main thread does while the others work.
-struct Operator {
+struct Operator<'a> {
+    plan: &'a Plan,
     clock: MonotonicClock,
     start: HostTime,
     queues: Queues,
+    items: Receiver<Item>,
     own: Arc<StreamCounters>,
     health: Health,
     health_items: Receiver<Item>,
+    requests: Receiver<Request>,
+    recorder: Option<Recorder>,
+    files: Vec<FileSummary>,
+    failed: Option<SessionError>,
 }
 
-impl Operator {
+impl Operator<'_> {
+    /// Runs until something ends the session; an error only when the command line's recording cannot begin.
     fn attend(
         &mut self,
-        plan: &Plan,
-        network: Option<&Network>,
-        recorder: Option<&Recorder>,
         links: &[JoinHandle<()>],
+        publisher: &Publisher,
         surroundings: &mut impl Surroundings,
-    ) {
+    ) -> Result<(), SessionError> {
+        let mut status_due = self.start;
+        if let Some(path) = self.plan.record.clone() {
+            self.begin(
+                &path,
+                self.start,
+                Begun::WithTheSession,
+                Baseline::default(),
+            )?;
+        }
         loop {
             let now = self.clock.now();
             let elapsed = now.saturating_since(self.start);
-            let bytes = recorder.map_or(0, |recorder| recorder.bytes.load(Ordering::Relaxed));
             for (at, text) in surroundings.marks() {
                 self.put(at, Body::Mark(text));
             }
@@ -232,18 +185,87 @@ impl Operator {
                 self.put(now, Body::Diagnostics(Box::new(array)));
             }
             let mut stop = false;
-            while let Some(request) = network.and_then(|network| network.control.poll()) {
-                stop |= self.obey(request, elapsed, bytes, plan);
+            while let Ok(request) = self.requests.try_recv() {
+                stop |= self.obey(request, surroundings);
             }
-            surroundings.progress(elapsed, &self.health, bytes);
-            let over = plan.duration.is_some_and(|duration| elapsed >= duration);
-            let failed = recorder.is_some_and(|recorder| recorder.thread.is_finished())
-                || links.iter().any(JoinHandle::is_finished);
+            if now >= status_due && publisher.has_viewers() {
+                status_due = now + STATUS_PERIOD;
+                publisher.set_status(self.status(), now);
+            }
+            surroundings.progress(elapsed, &self.health, self.bytes());
+            let over = self
+                .plan
+                .duration
+                .is_some_and(|duration| elapsed >= duration);
+            let failed =
+                self.take_failure(surroundings) || links.iter().any(JoinHandle::is_finished);
             if stop || over || failed || surroundings.wants_end() {
-                return;
+                return Ok(());
             }
             self.clock.wait_until(now + OPERATOR_PERIOD);
         }
+    }
+
+    /// The link threads have ended: what they left is taken, the recording finished.
+    fn end(mut self, surroundings: &mut impl Surroundings) -> Result<Summary, SessionError> {
+        self.take_health(surroundings);
+        let end = self.clock.now();
+        if let Err(error) = self.finish() {
+            self.failed.get_or_insert(error);
+        }
+        match self.failed {
+            Some(error) => Err(error),
+            None => {
+                let own = self.own.snapshot();
+                Ok(summarize(&self.health, own, self.start, end, self.files))
+            }
+        }
+    }
+
+    fn begin(
+        &mut self,
+        path: &Path,
+        since: HostTime,
+        begun: Begun,
+        before: Baseline,
+    ) -> Result<(), SessionError> {
+        let source = Source {
+            plan: self.plan,
+            clock: self.clock,
+            queues: &self.queues,
+            items: &self.items,
+        };
+        self.recorder = Some(Recorder::begin(source, path, since, begun, before)?);
+        Ok(())
+    }
+
+    /// Finishes the recording, if there is one.
+    fn finish(&mut self) -> Result<Option<&FileSummary>, SessionError> {
+        let Some(recorder) = self.recorder.take() else {
+            return Ok(None);
+        };
+        let ledger = ledger_metadata(&self.health, self.own.snapshot(), &recorder.before);
+        let file = recorder.finish(&self.queues, self.clock.now(), &ledger)?;
+        self.files.push(file);
+        Ok(self.files.last())
+    }
+
+    /// A recording that failed ends the session that it began with; one begun by command only itself. Either is an
+    /// error at the end.
+    fn take_failure(&mut self, surroundings: &mut impl Surroundings) -> bool {
+        let Some(begun) = self
+            .recorder
+            .as_ref()
+            .filter(|recorder| recorder.has_failed())
+            .map(|recorder| recorder.begun)
+        else {
+            return false;
+        };
+        if let Err(error) = self.finish() {
+            surroundings.log(&format!("the recording failed: {error}"));
+            self.failed.get_or_insert(error);
+        }
+        begun == Begun::WithTheSession
     }
 
     fn put(&mut self, at: HostTime, body: Body) {
@@ -267,202 +289,133 @@ impl Operator {
     }
 
     /// Carries a command out and answers; true when the session is to end.
-    fn obey(&mut self, request: Request, elapsed: Duration, bytes: u64, plan: &Plan) -> bool {
-        let now = self.clock.now();
-        let mut marked = |text: String| {
-            let reply = json!({"ok": true, "mark": text, "at_unix_ns": now.as_nanos()});
-            self.put(now, Body::Mark(text));
-            reply
-        };
-        let (reply, stop) = match request.command {
-            Command::Status => (self.status(elapsed, bytes, plan), false),
-            Command::Tare => (marked("tare".to_owned()), false),
-            Command::Mark(text) => (marked(text), false),
-            Command::Stop => (json!({"ok": true, "file": plan.record}), true),
+    fn obey(&mut self, request: Request, surroundings: &mut impl Surroundings) -> bool {
+        let mut end = false;
+        let reply = match request.command {
+            Command::Status => self.status(),
+            Command::Metadata => self.metadata(),
+            Command::Tare => self.mark("tare"),
+            Command::Mark(text) => self.mark(&text),
+            Command::Start(name) => self.start(name, surroundings),
+            Command::Stop => {
+                end = self
+                    .recorder
+                    .as_ref()
+                    .is_some_and(|recorder| recorder.begun == Begun::WithTheSession);
+                self.stop(end, surroundings)
+            }
         };
         // The asker may have given up.
         let _ = request.answer.try_send(reply);
-        stop
+        end
     }
 
-    fn status(&self, elapsed: Duration, bytes: u64, plan: &Plan) -> Value {
+    fn mark(&mut self, text: &str) -> Value {
+        let now = self.clock.now();
+        self.put(now, Body::Mark(text.to_owned()));
+        json!({"ok": true, "mark": text, "at_unix_ns": now.as_nanos()})
+    }
+
+    fn start(&mut self, name: Option<String>, surroundings: &mut impl Surroundings) -> Value {
+        if let Some(recorder) = &self.recorder {
+            return refusal(&format!(
+                "{} is being recorded: stop first",
+                recorder.path.display()
+            ));
+        }
+        let now = self.clock.now();
+        let name = name.unwrap_or_else(|| {
+            let seconds = now.as_nanos() / 1_000_000_000;
+            format!("{}-{seconds}.mcap", self.plan.config.id)
+        });
+        let path = self.folder().join(name);
+        let before = Baseline {
+            streams: self.health.ledgers(),
+            own: self.own.snapshot(),
+        };
+        match self.begin(&path, now, Begun::ByCommand, before) {
+            Ok(()) => {
+                surroundings.log(&format!("recording {}", path.display()));
+                json!({"ok": true, "file": path})
+            }
+            Err(error) => refusal(&error.to_string()),
+        }
+    }
+
+    fn stop(&mut self, ends_session: bool, surroundings: &mut impl Surroundings) -> Value {
+        if ends_session {
+            // The links' last bytes are still to be written.
+            return json!({"ok": true, "file": self.plan.record, "ends_session": true});
+        }
+        match self.finish() {
+            Ok(Some(file)) => {
+                let said = json!({
+                    "ok": true,
+                    "file": file.path,
+                    "bytes": file.bytes,
+                    "duration_s": file.duration_s,
+                    "messages": file.messages,
+                    "ends_session": false,
+                });
+                surroundings.log(&format!("recorded {}", said["file"]));
+                said
+            }
+            Ok(None) => refusal("nothing is being recorded: start first"),
+            Err(error) => {
+                let said = refusal(&error.to_string());
+                surroundings.log(&format!("the recording failed: {error}"));
+                self.failed.get_or_insert(error);
+                said
+            }
+        }
+    }
+
+    /// Recordings of the command `start` lie beside the command line's.
+    fn folder(&self) -> PathBuf {
+        let record = self.plan.record.as_deref();
+        record
+            .and_then(Path::parent)
+            .map_or_else(PathBuf::new, Path::to_owned)
+    }
+
+    fn bytes(&self) -> u64 {
+        self.recorder.as_ref().map_or(0, Recorder::bytes)
+    }
+
+    fn status(&self) -> Value {
+        let now = self.clock.now();
+        let recorder = self.recorder.as_ref();
         json!({
             "ok": true,
-            "id": plan.config.id,
-            "recording": plan.record,
-            "bytes": bytes,
-            "elapsed_s": elapsed.as_secs_f64(),
+            "id": self.plan.config.id,
+            "domain_id": self.plan.config.network.domain_id,
+            "namespace": self.plan.config.network.namespace,
+            "recording": recorder.map(|recorder| &recorder.path),
+            "bytes": self.bytes(),
+            "recording_s": recorder.map(|recorder| now.seconds_since(recorder.since)),
+            "stop_ends_session": recorder.map(|recorder| recorder.begun == Begun::WithTheSession),
+            "finished": self.files.iter().map(|file| &file.path).collect::<Vec<_>>(),
+            "elapsed_s": now.seconds_since(self.start),
             "streams": self.health.summary(),
         })
     }
-}
 
-/// The recording's two threads: one writes, one forces to the disk.
-#[derive(Debug)]
-struct Recorder {
-    thread: JoinHandle<(McapSink, Result<(), crate::sink::SinkError>)>,
-    syncer: JoinHandle<std::io::Result<()>>,
-    end_sync: Sender<()>,
-    bytes: Arc<AtomicU64>,
-}
-
-impl Recorder {
-    fn start(
-        mut sink: McapSink,
-        items: Receiver<Item>,
-        clock: MonotonicClock,
-        sync_period: Duration,
-    ) -> Result<Self, SessionError> {
-        let file = sink.sync_handle()?;
-        let bytes = Arc::new(AtomicU64::new(0));
-        let shown = Arc::clone(&bytes);
-        let (end_sync, ended) = bounded(1);
-        let syncer = spawn("ft-sync", move || {
-            sync_until_ended(&file, &ended, sync_period)
-        })?;
-        let thread = spawn("ft-writer", move || {
-            let result = write_until_closed(&mut sink, &items, clock, &shown);
-            (sink, result)
-        })?;
-        Ok(Self {
-            thread,
-            syncer,
-            end_sync,
-            bytes,
-        })
-    }
-
-    /// Waits for the queue to run empty, writes the ledger and the index.
-    fn finish(self, ledger: &BTreeMap<String, String>) -> Result<Finished, SessionError> {
-        let (sink, result) = self
-            .thread
-            .join()
-            .map_err(|_| SessionError::Panicked("writer"))?;
-        let _ = self.end_sync.try_send(());
-        let synced = self
-            .syncer
-            .join()
-            .map_err(|_| SessionError::Panicked("sync"))?;
-        result?;
-        let finished = sink.finish(ledger)?;
-        synced.map_err(SessionError::Sync)?;
-        Ok(finished)
-    }
-}
-
-fn write_until_closed(
-    sink: &mut McapSink,
-    items: &Receiver<Item>,
-    clock: MonotonicClock,
-    bytes: &AtomicU64,
-) -> Result<(), crate::sink::SinkError> {
-    let mut merge = Merge::new(MERGE_HOLD);
-    loop {
-        let closed = match items.recv_timeout(SINK_PERIOD) {
-            Ok(item) => {
-                merge.push(item);
-                items.try_iter().for_each(|item| merge.push(item));
-                false
-            }
-            Err(RecvTimeoutError::Timeout) => false,
-            Err(RecvTimeoutError::Disconnected) => true,
-        };
-        let now = clock.now();
-        while let Some(item) = if closed {
-            merge.pop_any()
-        } else {
-            merge.pop_due(now)
-        } {
-            sink.take(&item)?;
-        }
-        sink.tick(now)?;
-        bytes.store(sink.bytes_written(), Ordering::Relaxed);
-        if closed {
-            return Ok(());
+    /// What a recorder on another machine writes into its own file.
+    fn metadata(&self) -> Value {
+        let now = self.clock.now();
+        match self
+            .plan
+            .preamble(now, self.clock.anchor(), "monotonic, anchored once")
+        {
+            Ok(preamble) => json!({
+                "ok": true,
+                "id": self.plan.config.id,
+                "domain_id": self.plan.config.network.domain_id,
+                "namespace": self.plan.config.network.namespace,
+                "session": preamble.session,
+                "calibration": preamble.calibration,
+            }),
+            Err(error) => refusal(&error.to_string()),
         }
     }
-}
-
-/// The first failure is kept: the system reports a lost write once, and here it would be the one to hear of it.
-fn sync_until_ended(file: &File, ended: &Receiver<()>, period: Duration) -> std::io::Result<()> {
-    let mut first = Ok(());
-    while ended.recv_timeout(period) == Err(RecvTimeoutError::Timeout) {
-        first = first.and(file.sync_data());
-    }
-    first
-}
-
-/// The network side: a thread that publishes, and the commands.
-#[derive(Debug)]
-struct Network {
-    session: zenoh::Session,
-    control: Control,
-    /// Gives the number of messages that Zenoh refused.
-    publisher: JoinHandle<u64>,
-}
-
-impl Network {
-    fn start(
-        plan: &Plan,
-        clock: MonotonicClock,
-        items: Receiver<Item>,
-        surroundings: &mut impl Surroundings,
-    ) -> Result<Self, SessionError> {
-        let opened = network::open(&plan.config.network)?;
-        surroundings.log(&opened.how);
-        let settings = &plan.config.network;
-        let transforms = static_transforms(&plan.config.frames, clock.now());
-        let node = format!("ft_capture_{}", plan.config.id.replace('-', "_"));
-        let sink = ZenohSink::declare(
-            &opened.session,
-            &node,
-            settings.domain_id,
-            settings.profile,
-            &transforms,
-        )?;
-        let control = Control::declare(&opened.session, &plan.config.id)?;
-        let publisher = spawn("ft-publisher", move || {
-            publish_until_closed(sink, &items, clock)
-        })?;
-        Ok(Self {
-            session: opened.session,
-            control,
-            publisher,
-        })
-    }
-
-    /// What went wrong on the network is told; the recording has nothing to do with it.
-    fn finish(self, surroundings: &mut impl Surroundings) {
-        use zenoh::Wait;
-        match self.publisher.join() {
-            Ok(0) => {}
-            Ok(refused) => surroundings.log(&format!("{refused} messages could not be published")),
-            Err(_) => surroundings.log("the publisher thread panicked: please report this"),
-        }
-        drop(self.control);
-        // Closing only tells the others; a failure leaves nothing behind here.
-        let _ = self.session.close().wait();
-    }
-}
-
-fn publish_until_closed(mut sink: ZenohSink, items: &Receiver<Item>, clock: MonotonicClock) -> u64 {
-    let mut refused = 0;
-    loop {
-        let taken = match items.recv_timeout(SINK_PERIOD) {
-            Ok(item) => sink.take(&item),
-            Err(RecvTimeoutError::Timeout) => Ok(()),
-            Err(RecvTimeoutError::Disconnected) => return refused,
-        };
-        refused += u64::from(taken.is_err()) + u64::from(sink.tick(clock.now()).is_err());
-    }
-}
-
-fn spawn<T: Send + 'static>(
-    name: &str,
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<JoinHandle<T>, SessionError> {
-    std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(work)
-        .map_err(SessionError::Thread)
 }

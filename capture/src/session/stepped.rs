@@ -10,7 +10,7 @@ use std::time::Duration;
 use ft_drivers::SteppedClock;
 use ft_wire::HostTime;
 
-use super::{FileSummary, Plan, SessionError, health, ledger_metadata, summarize};
+use super::{Baseline, FileSummary, Plan, SessionError, health, ledger_metadata, summarize};
 use crate::channel::Intake;
 use crate::health::Health;
 use crate::item::{Body, Item};
@@ -128,14 +128,19 @@ impl Stepping {
     /// # Errors
     /// The recording fails; what was flushed is kept.
     pub fn finish(mut self) -> Result<Summary, SessionError> {
-        let mut file = None;
+        let mut files = Vec::new();
         if let Some(mut sink) = self.sink.take() {
             while let Some(item) = self.merge.pop_any() {
                 sink.take(&item)?;
             }
-            let done = sink.finish(&ledger_metadata(&self.health, StreamLedger::default()))?;
-            file = Some(FileSummary {
+            let done = sink.finish(&ledger_metadata(
+                &self.health,
+                StreamLedger::default(),
+                &Baseline::default(),
+            ))?;
+            files.push(FileSummary {
                 path: done.path,
+                duration_s: self.now.seconds_since(self.start),
                 bytes: done.bytes,
                 messages: done.messages,
             });
@@ -145,7 +150,7 @@ impl Stepping {
             StreamLedger::default(),
             self.start,
             self.now,
-            file,
+            files,
         ))
     }
 }

@@ -6,22 +6,26 @@ use ft_recording::message::{Message, TFMessage};
 use ft_wire::HostTime;
 use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
+use zenoh_ext::{
+    AdvancedPublisher, AdvancedPublisherBuilderExt as _, CacheConfig, MissDetectionConfig,
+};
 
-use super::{Sink, SinkError};
-use crate::encode::{Encoder, Topic};
-use crate::item::Item;
-use crate::rmw::{self, NodeName, Profile};
+use super::SinkError;
+use crate::config::Network;
+use crate::encode::Topic;
+use crate::rmw::{self, NodeName};
 
 /// How often `/tf_static` is repeated: plain publishers have no cache for those who come late.
 const STATIC_PERIOD: Duration = Duration::from_secs(1);
 
-/// Publishes items. To be used from a thread that may wait: a put can take milliseconds.
+/// How often a recorder hears the number of the latest message, so that it misses the last ones, too.
+const HEARTBEAT: Duration = Duration::from_millis(500);
+
+/// Publishes messages, and keeps the latest for recorders that missed some. To be used from a thread that may wait: a put can take milliseconds.
 #[derive(Debug)]
 pub struct ZenohSink {
     endpoints: Vec<Endpoint>,
-    encoder: Encoder,
     static_transforms: Vec<u8>,
     static_due: HostTime,
     _node: LivelinessToken,
@@ -29,7 +33,7 @@ pub struct ZenohSink {
 
 #[derive(Debug)]
 struct Endpoint {
-    publisher: Publisher<'static>,
+    publisher: AdvancedPublisher<'static>,
     gid: [u8; 16],
     sequence: i64,
     _token: LivelinessToken,
@@ -43,12 +47,12 @@ impl ZenohSink {
     pub fn declare(
         session: &zenoh::Session,
         node_name: &str,
-        domain_id: u32,
-        profile: Profile,
+        settings: &Network,
         static_transforms: &TFMessage,
     ) -> Result<Self, SinkError> {
         let node = NodeName {
-            domain_id,
+            domain_id: settings.domain_id,
+            namespace: settings.namespace.clone(),
             zenoh_id: session.zid().to_string(),
             node: node_name.to_owned(),
         };
@@ -56,12 +60,16 @@ impl ZenohSink {
         let mut endpoints = Vec::with_capacity(Topic::ALL.len());
         for topic in Topic::ALL {
             let (type_name, type_hash) = topic.message_type();
-            let named = rmw::Topic::new(topic.name(), type_name, type_hash, profile);
+            let name = settings.topic(topic.name());
+            let named = rmw::Topic::new(&name, type_name, type_hash, settings.profile);
             let token = named.token(&node, topic.index() + 1, topic.offer());
             let publisher = session
-                .declare_publisher(named.key_expr(domain_id))
+                .declare_publisher(named.key_expr(settings.domain_id))
                 .congestion_control(CongestionControl::Drop)
                 .express(true)
+                .cache(CacheConfig::default().max_samples(settings.cached(topic)))
+                .sample_miss_detection(MissDetectionConfig::default().heartbeat(HEARTBEAT))
+                .publisher_detection()
                 .wait()
                 .map_err(|error| refused("declaring a publisher", &error))?;
             let gid = rmw::gid(&token);
@@ -76,7 +84,6 @@ impl ZenohSink {
         static_transforms.encode(&mut bytes);
         Ok(Self {
             endpoints,
-            encoder: Encoder::default(),
             static_transforms: bytes,
             static_due: HostTime::EPOCH,
             _node: node_token,
@@ -84,19 +91,23 @@ impl ZenohSink {
     }
 }
 
-impl Sink for ZenohSink {
-    fn take(&mut self, item: &Item) -> Result<(), SinkError> {
-        let endpoints = &mut self.endpoints;
-        let source_ns = item.sample_time.as_nanos();
-        self.encoder.encode(item, |topic, payload| {
-            match endpoints.get_mut(topic.index()) {
-                Some(endpoint) => endpoint.put(payload, source_ns),
-                None => Ok(()),
-            }
-        })
+impl ZenohSink {
+    /// Publishes one message.
+    ///
+    /// # Errors
+    /// Zenoh refuses it.
+    pub fn put(&mut self, topic: Topic, payload: &[u8], at: HostTime) -> Result<(), SinkError> {
+        match self.endpoints.get_mut(topic.index()) {
+            Some(endpoint) => endpoint.put(payload, at.as_nanos()),
+            None => Ok(()),
+        }
     }
 
-    fn tick(&mut self, now: HostTime) -> Result<(), SinkError> {
+    /// Time went by: repeats what late comers need.
+    ///
+    /// # Errors
+    /// As for [`ZenohSink::put`].
+    pub fn tick(&mut self, now: HostTime) -> Result<(), SinkError> {
         if now < self.static_due {
             return Ok(());
         }

@@ -3,6 +3,7 @@
 mod calibrate;
 mod files;
 mod import;
+mod keys;
 mod record;
 #[cfg(feature = "sim")]
 mod simulate;
@@ -11,11 +12,13 @@ mod simulate;
 mod simulate;
 mod terminal;
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
+use ft_capture::{foxglove, logging};
 
 /// Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.
 const LOST: u8 = 3;
@@ -26,6 +29,8 @@ const EXAMPLES: &str = "Examples:
   ft-capture --sim drawer_loaded --seed 7 --json     another object, another person
   ft-capture --config capture.toml -o door.mcap      real devices, until Ctrl-C
   ft-capture --listen tcp/0.0.0.0:7447               let other machines watch (ft-view --connect ...)
+  ft-capture --view 0.0.0.0:8080                     a page for the browsers and phones of this network
+  ft-capture keys -o keys --host 192.168.0.7         keys for an encrypted network, with roles
   ft-capture devices                                 what is plugged in
   ft-capture init                                    a first capture.toml from it
   ft-capture check door.mcap                         is the recording whole?
@@ -87,7 +92,16 @@ struct RecordArguments {
     /// Be a Zenoh router on port 7447 of every interface: ROS 2 nodes (rmw_zenoh) need nothing else
     #[arg(long)]
     router: bool,
-    /// Publish only, write no file
+    /// Encrypt the network, with the keys in this folder (ft-capture keys makes them)
+    #[arg(long, value_name = "DIR")]
+    keys: Option<PathBuf>,
+    /// Serve a live page for browsers
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
+    view: Option<SocketAddr>,
+    /// Serve Foxglove, Lichtblick and PlotJuggler
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
+    foxglove: Option<SocketAddr>,
+    /// Publish only, write no file until the command `start`
     #[arg(long, conflicts_with_all = ["output", "force"])]
     no_record: bool,
     /// Print the summary as JSON
@@ -162,6 +176,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Make keys for an encrypted network, with roles
+    Keys(keys::KeysArguments),
     /// Find the tool's mass, centre and inertia, the sensor's bias, and the time between pose and wrench
     Calibrate(calibrate::CalibrateArguments),
     /// Add the poses of Project Aria glasses (MPS results) to a recording of the wrench
@@ -171,11 +187,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-        .with_max_level(tracing::Level::WARN)
-        .init();
+    logging::to_stderr(tracing::Level::WARN);
     let arguments = Arguments::parse();
     let result = match arguments.command {
         None => record::record(&arguments.record),
@@ -194,6 +206,7 @@ fn main() -> ExitCode {
             force,
             json,
         }) => files::replay(&file, &output, force, json),
+        Some(Command::Keys(arguments)) => keys::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::ImportAria(arguments)) => import::aria(&arguments),
         Some(Command::ImportHoi(arguments)) => import::hoi(&arguments),

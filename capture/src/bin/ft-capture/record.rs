@@ -16,13 +16,14 @@ use crate::{Arguments, CommandResult, Outcome, RecordArguments, Speed, simulate}
 
 /// Carries the command out.
 pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
-    let asks_for_network =
-        arguments.router || !(arguments.listen.is_empty() && arguments.connect.is_empty());
+    let asks_for_network = arguments.router
+        || arguments.view.is_some()
+        || !(arguments.listen.is_empty() && arguments.connect.is_empty());
     if arguments.speed == Speed::Max && asks_for_network {
         Arguments::command()
             .error(
                 ErrorKind::ArgumentConflict,
-                "--speed max publishes nothing: leave out --listen, --connect and --router, or use --speed 1",
+                "--speed max publishes nothing: leave out --listen, --connect, --router, --view and --foxglove, or use --speed 1",
             )
             .exit();
     }
@@ -72,6 +73,9 @@ pub(crate) fn plan(arguments: &RecordArguments, mut config: Config, default_name
         .connect
         .extend(arguments.connect.iter().cloned());
     config.network.router |= arguments.router;
+    config.network.keys = arguments.keys.clone().or(config.network.keys);
+    config.network.foxglove = arguments.foxglove.or(config.network.foxglove);
+    config.network.view = arguments.view.or(config.network.view);
     let record = (!arguments.no_record).then(|| {
         arguments
             .output
