@@ -1,6 +1,6 @@
 """Lets the joint of an exported USD go in Newton, on the CPU, and compares with what the joint's attributes ask for.
 
-    pip install newton mujoco-warp newton-usd-schemas usd-core
+    pip install -r newton.txt
     newton_swing.py FILE.usda START UNTIL        both in rad or m; UNTIL below START
 
 Prints one JSON object: Newton's swing time, the efforts that it applies on a grid against the attributes (relative), the joint's

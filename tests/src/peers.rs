@@ -15,7 +15,26 @@ use crate::workspace_root;
 #[must_use]
 pub fn python(test: &str) -> Option<&'static Path> {
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(make_environment) {
+    of_environment(test, &PYTHON, "peers", "requirements.txt")
+}
+
+/// The Python of an environment with Newton, which asks for an older MuJoCo than the other one has.
+///
+/// # Panics
+/// As [`python`].
+#[must_use]
+pub fn newton(test: &str) -> Option<&'static Path> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    of_environment(test, &PYTHON, "newton", "newton.txt")
+}
+
+fn of_environment(
+    test: &str,
+    python: &'static OnceLock<Result<PathBuf, String>>,
+    name: &str,
+    requirements: &str,
+) -> Option<&'static Path> {
+    match python.get_or_init(|| make_environment(name, requirements)) {
         Ok(python) => Some(python),
         Err(why) => {
             assert!(
@@ -129,17 +148,17 @@ fn chromium_on_path() -> Option<PathBuf> {
 }
 
 /// Several test programs may come here at once: each makes the environment under a lock file's protection.
-fn make_environment() -> Result<PathBuf, String> {
+fn make_environment(name: &str, requirements: &str) -> Result<PathBuf, String> {
     let root = workspace_root();
-    let folder = root.join("target/peers");
-    let requirements = root.join("tests/peers/requirements.txt");
+    let folder = root.join("target").join(name);
+    let requirements = root.join("tests/peers").join(requirements);
     let wanted = std::fs::read_to_string(&requirements)
         .map_err(|error| format!("{}: {error}", requirements.display()))?;
     let python = folder.join("bin/python");
     let stamp = folder.join("installed.txt");
     std::fs::create_dir_all(root.join("target")).map_err(|error| error.to_string())?;
-    let lock =
-        std::fs::File::create(root.join("target/peers.lock")).map_err(|error| error.to_string())?;
+    let lock = std::fs::File::create(root.join(format!("target/{name}.lock")))
+        .map_err(|error| error.to_string())?;
     lock.lock().map_err(|error| error.to_string())?;
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(python);

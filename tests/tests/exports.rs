@@ -196,10 +196,7 @@ fn springy() -> Twin {
 
 #[test]
 fn newton_swings_the_exported_usd_as_the_twin() {
-    let Some(python) = std::env::var_os("FT_NEWTON_PYTHON") else {
-        eprintln!(
-            "skipped: newton_swings_the_exported_usd_as_the_twin: set FT_NEWTON_PYTHON to a Python with newton, mujoco-warp, newton-usd-schemas"
-        );
+    let Some(python) = peers::newton("newton_swings_the_exported_usd_as_the_twin") else {
         return;
     };
     let folder = tempdir().unwrap();

@@ -158,6 +158,7 @@ def mjcf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
     file, native = _sidecar(twin, "mjcf", out, name, force)
     body, centre, axes = _body_in_part(twin, joint.part)
     target = next(j for j in spec.joints if (model.joint(j.id).name or str(j.id)) == joint.name)
+    target.name = target.name or f"{name}_joint"
     target.stiffness, target.springref, target.damping = native["stiffness"], native["reference"], native["damping"]
     target.frictionloss, target.armature = native["friction"], 0.0
     # What is fixed to the part moves with it, and its mass is the twin's already.
@@ -174,7 +175,7 @@ def mjcf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
     spec.meshdir, spec.texturedir = str(folder / spec.meshdir), str(folder / spec.texturedir)
     spec.compile()
     file.write_text(spec.to_xml())
-    return Attached(file, joint.name, twin, axis_deg, axis_m, joint.distance)
+    return Attached(file, target.name, twin, axis_deg, axis_m, joint.distance)
 
 
 def urdf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float = 0.0, force: bool = False) -> Attached:
