@@ -15,7 +15,7 @@ import sys
 import mujoco
 import numpy as np
 import yourdfpy
-from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdValidation
 
 from forcetwin import Twin, attach
 
@@ -77,8 +77,6 @@ for name, (kind, axis, anchor, handle) in parts.items():
     api.CreateAxisAttr("X")
     # x to the axis: half way about the sum of both.
     middle = (axis + [1, 0, 0]) / np.linalg.norm(axis + [1, 0, 0])
-    from pxr import Gf
-
     quat = Gf.Quatf(0.0, *map(float, middle))
     api.CreateLocalPos0Attr(tuple(map(float, anchor)))
     api.CreateLocalRot0Attr(quat)
