@@ -111,11 +111,6 @@ impl Settings {
             ("scouting/multicast/enabled", json!(false)),
             ("connect/timeout_ms", json!(3000)),
             ("connect/exit_on_failure", json!(true)),
-            // A viewer whose queue is full loses the message at once: the others do not wait for it.
-            (
-                "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-                json!(0),
-            ),
             // A recorder that asks for what it missed and then does not take it is let go, and comes again.
             (
                 "transport/link/tx/queue/congestion_control/block/wait_before_close",

@@ -142,7 +142,7 @@ impl Hub {
         }
         let mut derived = Vec::new();
         let strip = (now >= inner.strip_due).then(|| {
-            inner.strip_due = now + STRIP_PERIOD;
+            inner.strip_due = next(inner.strip_due, STRIP_PERIOD, now);
             let bins: Vec<Bin> = inner.strip.drain().collect();
             bins.iter().for_each(|bin| inner.picture.remember(*bin));
             if self.messages.receiver_count() > 0 {
@@ -151,7 +151,7 @@ impl Hub {
             inner.strip(&bins)
         });
         let state = (now >= inner.state_due).then(|| {
-            inner.state_due = now + STATE_PERIOD;
+            inner.state_due = next(inner.state_due, STATE_PERIOD, now);
             self.state(&inner.picture, now)
         });
         drop(inner);
@@ -293,6 +293,12 @@ impl Inner {
         }
         out
     }
+}
+
+/// When it is due again: a period after it was due, so that the mean rate holds although nobody is punctual.
+fn next(due: HostTime, period: Duration, now: HostTime) -> HostTime {
+    let next = due + period;
+    if next <= now { now + period } else { next }
 }
 
 fn parts(pose: Isometry3<f64>) -> [f64; 7] {

@@ -57,8 +57,10 @@ pub struct RemoteLedger {
     pub received: u64,
     /// Of these, those that did not come by themselves: asked for again, or from before the recording.
     pub recovered: u64,
-    /// Messages that the publisher numbered and that are not in the file.
+    /// Messages that the publisher numbered after the first in the file, and that are not in the file.
     pub gaps: u64,
+    /// Messages that the publishers numbered before their first in the file: published before the recording, or lost then.
+    pub earlier: u64,
     /// Messages that came twice; one was kept.
     pub duplicated: u64,
     /// Messages that came and that the file did not take in time.
@@ -98,16 +100,17 @@ impl std::fmt::Display for RemoteSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{:<27} {:>9} {:>9} {:>7} {:>7} {:>7} {:>7}",
-            "topic", "received", "recovered", "missing", "doubled", "drops", "refused"
+            "{:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7} {:>7}",
+            "topic", "received", "recovered", "missing", "earlier", "doubled", "drops", "refused"
         )?;
         for (topic, ledger) in &self.topics {
             writeln!(
                 f,
-                "{topic:<27} {:>9} {:>9} {:>7} {:>7} {:>7} {:>7}",
+                "{topic:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7} {:>7}",
                 ledger.received,
                 ledger.recovered,
                 ledger.gaps,
+                ledger.earlier,
                 ledger.duplicated,
                 ledger.drops,
                 ledger.refused
@@ -450,6 +453,7 @@ fn number(
             if sources.len() < MOST_SOURCES {
                 sources.insert(gid, sequence);
             }
+            ledger.earlier += u64::try_from(sequence - 1).unwrap_or(0);
             true
         }
     }
@@ -504,6 +508,7 @@ mod tests {
             taken += u64::from(number(&mut sources, &mut ledger, attachment));
         }
         assert_eq!((taken, ledger.gaps, ledger.duplicated), (5, 2, 2));
+        assert_eq!(ledger.earlier, 4, "numbers count from 1");
         assert!(ledger.lost_data());
     }
 }

@@ -96,7 +96,7 @@ pub fn run(
         .filter_map(|link| link.join().err())
         .count();
     let summary = attended.and_then(|()| operator.end(surroundings));
-    publisher.finish(surroundings);
+    publisher.finish(clock, surroundings);
     if panicked > 0 {
         return Err(SessionError::Panicked("link"));
     }

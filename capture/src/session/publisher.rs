@@ -29,14 +29,18 @@ use crate::web::{self, Server};
 /// How long the publisher sleeps when nothing comes.
 const QUIET: Duration = Duration::from_millis(20);
 
+/// How long recorders on other machines may still ask for what they missed: two of the publisher's heartbeats.
+const LINGER: Duration = Duration::from_secs(1);
+
 /// What looks on.
 #[derive(Debug)]
 pub(super) struct Publisher {
     hub: Option<Arc<Hub>>,
     servers: Vec<Server>,
     zenoh: Option<(zenoh::Session, Vec<Queryable<()>>)>,
-    /// Gives the number of messages that Zenoh refused.
-    thread: Option<JoinHandle<u64>>,
+    lingers: bool,
+    /// Gives the number of messages that Zenoh refused, and the publishers with what they keep.
+    thread: Option<JoinHandle<(u64, Outlets)>>,
 }
 
 /// What the publisher thread feeds.
@@ -61,6 +65,7 @@ impl Publisher {
             hub: None,
             servers: Vec::new(),
             zenoh: None,
+            lingers: !plan.config.network.asks_for_nothing(),
             thread: None,
         };
         let Some(items) = items else {
@@ -154,14 +159,24 @@ impl Publisher {
     }
 
     /// What went wrong on the network is told; the recording has nothing to do with it.
-    pub(super) fn finish(self, surroundings: &mut impl Surroundings) {
-        match self.thread.map(JoinHandle::join) {
-            None | Some(Ok(0)) => {}
-            Some(Ok(refused)) => {
-                surroundings.log(&format!("{refused} messages could not be published"));
+    pub(super) fn finish(self, clock: MonotonicClock, surroundings: &mut impl Surroundings) {
+        let outlets = match self.thread.map(JoinHandle::join) {
+            None => None,
+            Some(Ok((refused, outlets))) => {
+                if refused > 0 {
+                    surroundings.log(&format!("{refused} messages could not be published"));
+                }
+                Some(outlets)
             }
-            Some(Err(_)) => surroundings.log("the publisher thread panicked: please report this"),
+            Some(Err(_)) => {
+                surroundings.log("the publisher thread panicked: please report this");
+                None
+            }
+        };
+        if self.lingers && outlets.is_some() {
+            clock.wait_until(clock.now() + LINGER);
         }
+        drop(outlets);
         drop(self.servers);
         if let Some((session, queryables)) = self.zenoh {
             drop(queryables);
@@ -210,13 +225,13 @@ fn publish_until_closed(
     mut outlets: Outlets,
     items: &Receiver<Item>,
     clock: MonotonicClock,
-) -> u64 {
+) -> (u64, Outlets) {
     let mut refused = 0;
     loop {
         let taken = match items.recv_timeout(QUIET) {
             Ok(item) => outlets.take(&item),
             Err(RecvTimeoutError::Timeout) => Ok(()),
-            Err(RecvTimeoutError::Disconnected) => return refused,
+            Err(RecvTimeoutError::Disconnected) => return (refused, outlets),
         };
         refused += u64::from(taken.is_err()) + u64::from(outlets.tick(clock.now()).is_err());
     }

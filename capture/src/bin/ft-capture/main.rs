@@ -18,6 +18,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
+use ft_capture::config::is_name;
 use ft_capture::{foxglove, logging};
 
 /// Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.
@@ -92,6 +93,12 @@ struct RecordArguments {
     /// Be a Zenoh router on port 7447 of every interface: ROS 2 nodes (rmw_zenoh) need nothing else
     #[arg(long)]
     router: bool,
+    /// Names this gripper on the network [default: as in the configuration, or the scenario]
+    #[arg(long, value_parser = name)]
+    id: Option<String>,
+    /// Namespace of its topics, so that several grippers share a network: blue makes /blue/ft/wrench
+    #[arg(long, value_name = "NAME", value_parser = name)]
+    namespace: Option<String>,
     /// Encrypt the network, with the keys in this folder (ft-capture keys makes them)
     #[arg(long, value_name = "DIR")]
     keys: Option<PathBuf>,
@@ -107,6 +114,15 @@ struct RecordArguments {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
+}
+
+/// What can be part of a key.
+fn name(text: &str) -> Result<String, String> {
+    if is_name(text) {
+        Ok(text.to_owned())
+    } else {
+        Err("letters, digits, - and _".to_owned())
+    }
 }
 
 /// How fast a simulation goes.

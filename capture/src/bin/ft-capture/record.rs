@@ -72,6 +72,12 @@ pub(crate) fn plan(arguments: &RecordArguments, mut config: Config, default_name
         .network
         .connect
         .extend(arguments.connect.iter().cloned());
+    if let Some(id) = &arguments.id {
+        config.id.clone_from(id);
+    }
+    if let Some(namespace) = &arguments.namespace {
+        config.network.namespace.clone_from(namespace);
+    }
     config.network.router |= arguments.router;
     config.network.keys = arguments.keys.clone().or(config.network.keys);
     config.network.foxglove = arguments.foxglove.or(config.network.foxglove);
