@@ -11,6 +11,7 @@ use ft_wire::{CanFrame, Chunk, HostTime};
 
 use crate::clock::SimNanos;
 use crate::random::Random;
+use crate::scenario::LinkSpec;
 
 /// What a device hangs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +59,8 @@ pub(crate) struct Line {
     bits_per_second: f64,
     free_at: SimNanos,
     last_arrival: SimNanos,
+    burst: SimNanos,
+    delay: SimNanos,
     random: Random,
 }
 
@@ -67,14 +70,26 @@ impl Line {
             bits_per_second: f64::from(bits_per_second),
             free_at: 0,
             last_arrival: 0,
+            burst: 0,
+            delay: 0,
             random,
         }
     }
 
+    /// Puts a device's delay before the line and an adapter behind it.
+    pub(crate) fn set_link(&mut self, link: &LinkSpec) {
+        let nanos = |ms: f64| (1e6 * ms).round() as SimNanos;
+        (self.burst, self.delay) = (nanos(link.burst_ms), nanos(link.delay_ms));
+    }
+
     /// When a frame that is ready at `ready` has arrived whole.
     pub(crate) fn carry(&mut self, ready: SimNanos, bits: u32) -> SimNanos {
-        self.free_at = self.free_at.max(ready) + self.nanos(bits);
-        let delayed = self.free_at + self.random.waiting(JITTER_MEAN_NS) as SimNanos;
+        self.free_at = self.free_at.max(ready + self.delay) + self.nanos(bits);
+        let handed_over = match self.burst {
+            0 => self.free_at,
+            burst => (self.free_at + burst - 1).div_euclid(burst) * burst,
+        };
+        let delayed = handed_over + self.random.waiting(JITTER_MEAN_NS) as SimNanos;
         self.last_arrival = self.last_arrival.max(delayed);
         self.last_arrival
     }
@@ -306,6 +321,24 @@ mod tests {
             assert!(arrival >= last);
             last = arrival;
         }
+    }
+
+    #[test]
+    fn an_adapter_hands_over_in_bursts_and_a_delay_comes_before_the_line() {
+        let mut line = Line::new(460_800, Random::new(1, Stream::SensorLine));
+        line.set_link(&LinkSpec {
+            burst_ms: 16.0,
+            delay_ms: 3.0,
+        });
+        let mut bursts = std::collections::BTreeSet::new();
+        for sample in 0..800_i64 {
+            let ready = sample * 1_250_000;
+            let arrival = line.carry(ready, 370);
+            let late = arrival - (ready + 3_000_000 + 802_083);
+            assert!((0..18_000_000).contains(&late), "{late}");
+            bursts.insert(arrival / 16_000_000);
+        }
+        assert!((60..=64).contains(&bursts.len()), "{}", bursts.len());
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //! |---|---|---|
 //! | all | seen on real hardware | none: from documents only |
 //! | all serial | bytes at another line rate are garbage | a pty whose speed is set wrong carries garbage both ways; stepped links have no line rate |
-//! | all serial | adapter latency timer, bursts | line time, 0.1 ms mean jitter, one frame in twenty in two pieces |
+//! | all serial | adapter latency timer, bursts | only with `[sensor.link]`, `[tracker.link]`: at multiples of `burst_ms` of the host's time; else line time, 0.1 ms mean jitter, one frame in twenty in two pieces |
 //! | Bota | filters delay and band-limit the gauges | the sample is the instant's value plus white noise; only the rate depends on `f` |
 //! | Bota | CSV data format | refused with return code 1 |
 //! | Bota | first line after `#` at 230400 bit/s | all boot text at the line's rate |

@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 
 pub use effect::EffectSpec;
 pub use parts::{
-    ClockSpec, GraspSpec, GripperDriver, GripperSpec, JointKind, JointSpec, MechanismSpec,
-    ObjectSpec, PersonSpec, SensorDriver, SensorSpec, StrutSpec, SwingDirection, ToolSpec,
-    TrackerSpec, WorldSpec, ZoneSpec,
+    ClockSpec, GraspSpec, GripperDriver, GripperSpec, JointKind, JointSpec, LinkSpec,
+    MechanismSpec, ObjectSpec, PersonSpec, SensorDriver, SensorSpec, StrutSpec, SwingDirection,
+    ToolSpec, TrackerSpec, WorldSpec, ZoneSpec,
 };
 
 /// An object, a person and fitted devices, before a seed makes them particular.

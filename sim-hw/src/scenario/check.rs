@@ -186,6 +186,13 @@ impl Scenario {
                 1e9,
             )?;
         }
+        for (key, link) in [
+            ("sensor.link", &sensor.link),
+            ("tracker.link", &self.tracker.link),
+        ] {
+            within(&format!("{key}.burst_ms"), link.burst_ms, 0.0, 255.0)?;
+            within(&format!("{key}.delay_ms"), link.delay_ms, 0.0, 1000.0)?;
+        }
         within("tracker.rate_hz", self.tracker.rate_hz, 10.0, 2000.0)?;
         within("tracker.white_m", self.tracker.white_m, 0.0, 0.1)?;
         within("tracker.white_deg", self.tracker.white_deg, 0.0, 10.0)?;

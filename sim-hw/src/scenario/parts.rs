@@ -328,6 +328,9 @@ pub struct SensorSpec {
     /// Its clock.
     #[serde(default)]
     pub clock: ClockSpec,
+    /// What its line and its adapter add.
+    #[serde(default)]
+    pub link: LinkSpec,
 }
 
 impl SensorSpec {
@@ -347,6 +350,7 @@ impl SensorSpec {
             force_drift_n_per_min: force_drift(),
             already_streaming: false,
             clock: ClockSpec::default(),
+            link: LinkSpec::default(),
         })
     }
 }
@@ -386,6 +390,17 @@ impl Default for ClockSpec {
     }
 }
 
+/// `[sensor.link]`, `[tracker.link]`: what comes between a sample and the host beside the line itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinkSpec {
+    /// Bytes leave the adapter only at multiples of this, ms, of the host's time: 16 for an FTDI adapter as it comes, 1 for a polled
+    /// USB port, 0 for none.
+    pub burst_ms: f64,
+    /// Constant delay before the line, ms, such as a filter's: no operator knows of it.
+    pub delay_ms: f64,
+}
+
 /// `[tracker]`: the pose tracker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -404,6 +419,8 @@ pub struct TrackerSpec {
     pub wander_s: f64,
     /// Its clock.
     pub clock: ClockSpec,
+    /// What its line and its adapter add.
+    pub link: LinkSpec,
 }
 
 impl Default for TrackerSpec {
@@ -419,6 +436,7 @@ impl Default for TrackerSpec {
                 reads_s: None,
                 skew_ppm: -11.0,
             },
+            link: LinkSpec::default(),
         }
     }
 }

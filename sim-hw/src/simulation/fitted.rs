@@ -147,7 +147,8 @@ pub(super) fn build(
             sensor_clock,
             Random::new(seed, Stream::SensorLine),
             time,
-        ),
+        )
+        .behind(&scenario.sensor.link),
         jaws_slot(
             &scenario.gripper,
             &sensor_clock,
@@ -155,7 +156,8 @@ pub(super) fn build(
             Random::new(seed, Stream::GripperLine),
             time,
         ),
-        serial_slot(aria, stream, Random::new(seed, Stream::TrackerLine), time),
+        serial_slot(aria, stream, Random::new(seed, Stream::TrackerLine), time)
+            .behind(&scenario.tracker.link),
     ];
     let clock_truth = |device: &str, reads_s: f64, skew_ppm: f64| ClockTruth {
         device: device.to_owned(),

@@ -8,6 +8,7 @@ use super::Fitted;
 use crate::bus::{Carried, Line, Port};
 use crate::clock::SimNanos;
 use crate::device::{Outbox, Played};
+use crate::scenario::LinkSpec;
 use crate::scene::Scene;
 
 #[derive(Debug)]
@@ -30,6 +31,15 @@ pub(crate) struct Slot {
 }
 
 impl Slot {
+    /// The same with a delay before its line and an adapter behind it.
+    pub(crate) fn behind(mut self, link: &LinkSpec) -> Self {
+        match &mut self.kind {
+            SlotKind::Serial(wired) => wired.line.set_link(link),
+            SlotKind::Can(wired) => wired.line.set_link(link),
+        }
+        self
+    }
+
     /// When something happens here next.
     pub(crate) fn due(&self, start: HostTime) -> Option<SimNanos> {
         match &self.kind {
