@@ -23,8 +23,10 @@ use std::time::Duration;
 use ft_wire::HostTime;
 
 mod hull;
+mod smooth;
 
 use hull::{Hull, Line};
+pub use smooth::smooth;
 
 /// Device time after which the skew is wholly the hull's, s.
 const TRUSTED_AFTER_S: f64 = 5.0;
