@@ -4,10 +4,15 @@
 use std::path::Path;
 
 use ft_recording::rewrite::Rewrite;
-use ft_recording::{Calibration, Estimate, Recording, TopicMap, metadata, topic};
+use ft_recording::{
+    Calibration, Estimate, MessageStamps, Pose7, Qos, Recording, TopicMap, metadata, topic,
+};
 use ft_wire::HostTime;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
+
+use crate::config::{Frames, StaticPose};
+use crate::encode::static_transforms;
 
 mod align;
 mod error;
@@ -15,11 +20,13 @@ mod fit;
 mod plot;
 mod series;
 mod text;
+mod turn;
 
 pub use align::Alignment;
 pub use error::CalibrateError;
 use fit::{BIAS, Delay, Extras, Fit, Problem};
 use series::{PoseSide, WrenchSide};
+pub use turn::SensorRotation;
 
 /// Free air over which the bias may be seen to drift, s.
 const DRIFT_NEEDS_S: f64 = 15.0;
@@ -35,6 +42,8 @@ pub struct CalibrateOptions {
     pub free_air: Option<(f64, f64)>,
     /// Where the offset is looked for, s to either side.
     pub search_s: f64,
+    /// The sensor's rotation on the tool is not known: find it too, whatever the recording says of it.
+    pub find_rotation: bool,
 }
 
 impl Default for CalibrateOptions {
@@ -42,6 +51,7 @@ impl Default for CalibrateOptions {
         Self {
             free_air: None,
             search_s: 10.0,
+            find_rotation: false,
         }
     }
 }
@@ -55,6 +65,8 @@ pub struct Calibrated {
     pub bias_rate: Option<Estimate<[f64; 6]>>,
     /// Bias per kelvin, N/K and N m/K; none when the temperature stayed.
     pub bias_per_kelvin: Option<Estimate<[f64; 6]>>,
+    /// How the sensor is turned on the tool, when that was asked.
+    pub rotation: Option<SensorRotation>,
     /// How far pose and wrench are apart; none when the motion does not show it.
     pub alignment: Option<Alignment>,
     /// Why there is no alignment.
@@ -137,6 +149,7 @@ impl Problem {
         let windows = free_air(recording, start, options);
         Ok(Self {
             pose: PoseSide::of(recording, start)?,
+            turned: None,
             wrench,
             windows: windows
                 .into_iter()
@@ -168,6 +181,17 @@ pub fn calibrate(
     recording: &Recording,
     options: &CalibrateOptions,
 ) -> Result<Calibrated, CalibrateError> {
+    if options.find_rotation {
+        let (rotation, recording) = turn::find(recording, options)?;
+        let options = CalibrateOptions {
+            find_rotation: false,
+            ..options.clone()
+        };
+        return Ok(Calibrated {
+            rotation: Some(rotation),
+            ..calibrate(&recording, &options)?
+        });
+    }
     let problem = Problem::of(recording, options)?;
     let (alignment, not_aligned) = match align::align(&problem, 0.0, options.search_s) {
         Ok((alignment, _)) => (Some(alignment), None),
@@ -179,6 +203,7 @@ pub fn calibrate(
     let extras = Extras {
         drift: span >= DRIFT_NEEDS_S,
         temperature: temperature(recording, &problem),
+        turn: false,
         delay: alignment.is_some(),
         skew: alignment.is_some_and(|alignment| alignment.skew_ppm.is_some()),
     };
@@ -208,6 +233,7 @@ pub fn calibrate(
         bias_rate: fit.drift_at.map(|at| six(&fit, at)),
         bias_per_kelvin: fit.temperature_at.map(|at| six(&fit, at)),
         calibration,
+        rotation: None,
         alignment,
         not_aligned,
         residual_rms: fit.rms,
@@ -358,8 +384,16 @@ pub fn calibrate_file(
             metadata::CALIBRATED,
             found.details(&recording, outputs.shift),
         );
+        let start = recording.wrench.first().map_or(HostTime::EPOCH, |w| w.at);
+        if let Some(frames) = found.frames(&recording) {
+            let stamps = MessageStamps {
+                log_time: start,
+                publish_time: start,
+            };
+            let message = static_transforms(&frames, start);
+            rewrite.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
+        }
         if let (true, Some(alignment)) = (outputs.shift, found.alignment) {
-            let start = recording.wrench.first().map_or(HostTime::EPOCH, |w| w.at);
             rewrite.restamp(move |name, stamp, _| match name {
                 topic::ARIA_POSE | topic::TCP_POSE => alignment.shifted(stamp, start),
                 _ => stamp,
@@ -395,6 +429,23 @@ pub struct Outputs<'a> {
     pub shift: bool,
     /// Replace existing files.
     pub overwrite: bool,
+}
+
+impl Calibrated {
+    /// The frames with the rotation that was found.
+    fn frames(&self, recording: &Recording) -> Option<Frames> {
+        let pose = |pose: &Pose7| StaticPose {
+            position_m: pose.position,
+            quaternion_xyzw: pose.quaternion,
+        };
+        Some(Frames {
+            aria_device_from_tcp: pose(&recording.aria_device_from_tcp),
+            tcp_from_ft_sensor: StaticPose {
+                position_m: recording.tcp_from_ft_sensor.position,
+                quaternion_xyzw: self.rotation?.quaternion_xyzw,
+            },
+        })
+    }
 }
 
 impl Alignment {

@@ -9,11 +9,13 @@ use crate::calibrate::CalibrateError;
 
 pub mod archive;
 pub mod aria;
+pub mod bag;
 pub mod clock_map;
 pub mod hoi;
 pub mod matrix;
 pub mod mps;
 pub mod table;
+pub mod tables;
 
 /// Something cannot be imported.
 #[derive(Debug, thiserror::Error)]

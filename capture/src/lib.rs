@@ -36,3 +36,4 @@ pub mod sink;
 pub mod summary;
 pub mod terminal;
 pub mod web;
+pub mod zenoh_link;

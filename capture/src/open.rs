@@ -24,12 +24,15 @@ use crate::queues::Queues;
 use crate::session::SessionError;
 use crate::session::link_loop::LinkThread;
 use crate::settings::{DriverUser, with_driver};
+use crate::zenoh_link::{self, ZenohLink};
 
 /// How a device is reached.
 #[derive(Debug)]
 pub enum Connection {
     /// By the port of the configuration.
     Configured,
+    /// By a key on the network.
+    Network(zenoh::Session),
     /// By a simulated CAN bus in this process, where the kernel has none.
     #[cfg(feature = "sim")]
     Simulated(ft_sim_hw::SimCanLink),
@@ -95,8 +98,17 @@ impl DriverUser for Spawn<'_> {
     where
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
     {
-        let mut port = RememberedPort::new(Path::new(&self.device.port));
         let clock = self.clock;
+        if let (Connection::Network(session), Some(key)) = (
+            &self.connection,
+            self.device.port.strip_prefix(zenoh_link::PREFIX),
+        ) {
+            let (session, key) = (session.clone(), key.to_owned());
+            return Self::start(self.device, self.thread, make, move || {
+                ZenohLink::open(&session, &key, clock)
+            });
+        }
+        let mut port = RememberedPort::new(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
             SerialLink::open(&port.path(), baud_bps, clock)
         })
@@ -108,9 +120,11 @@ impl DriverUser for Spawn<'_> {
     {
         let (port, clock) = (self.device.port.clone(), self.clock);
         match self.connection {
-            Connection::Configured => Self::start(self.device, self.thread, make, move || {
-                SocketCanLink::open(&port, &ids, clock)
-            }),
+            Connection::Configured | Connection::Network(_) => {
+                Self::start(self.device, self.thread, make, move || {
+                    SocketCanLink::open(&port, &ids, clock)
+                })
+            }
             #[cfg(feature = "sim")]
             Connection::Simulated(link) => {
                 let mut link = Some(link);

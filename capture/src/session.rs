@@ -24,6 +24,7 @@ pub mod live;
 mod publisher;
 mod recorder;
 pub mod replay;
+pub mod retime;
 pub mod stepped;
 
 /// What a session is to do.
@@ -64,6 +65,14 @@ pub enum SessionError {
         /// The device's name.
         device: String,
     },
+    /// A device comes over the network, and there is none.
+    #[error("{device}: {port} needs the network, which could not be opened: see above")]
+    NoNetwork {
+        /// The device's name.
+        device: String,
+        /// Its port.
+        port: String,
+    },
     /// The recording that is to be read cannot be.
     #[error(transparent)]
     Read(#[from] ft_recording::error::ReadError),
@@ -74,6 +83,14 @@ pub enum SessionError {
         path: String,
         /// What is missing, and why.
         what: &'static str,
+    },
+    /// The recording's devices have no clock.
+    #[error(
+        "{path}: no device in it has a clock of its own (their stamps are arrivals less the link's delay), so there is nothing to smooth"
+    )]
+    NoDeviceClock {
+        /// The recording.
+        path: String,
     },
     /// The calibration makes no sense.
     #[error("calibration: {0}")]

@@ -1,6 +1,7 @@
 //! What the programs say about themselves, and how they end.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn capture(arguments: &[&str]) -> Output {
@@ -45,4 +46,179 @@ fn a_viewer_without_a_capture_says_where_it_looked() {
         text.contains("tcp/127.0.0.1:1") && text.contains("--listen"),
         "{text}"
     );
+}
+
+fn said(output: &Output) -> (String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr))
+}
+
+/// A measured hand-held recording of others: wrench and motion capture at 120 Hz, no times.
+#[test]
+fn the_handover_baton_converts_by_one_command_and_its_repeated_poses_are_found() {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let data = std::env::var_os("FT_DATA").map_or_else(beside, PathBuf::from);
+    let baton = data.join("kth_handover_baton");
+    if !baton.is_dir() {
+        println!("skipped: {} is not there (set FT_DATA)", baton.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (wrench, pose) = (
+        baton.join("Wrench_interaction_saved.csv"),
+        baton.join("baton_pose_saved.csv"),
+    );
+    let out = folder.path().join("baton.mcap");
+    let [wrench, pose, out] = [&wrench, &pose, &out].map(|path| path.to_str().unwrap());
+    let arguments = [
+        "import-csv",
+        "--wrench",
+        wrench,
+        "--pose",
+        pose,
+        "--rate",
+        "120",
+        "-o",
+        out,
+    ];
+    let output = capture(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output).1);
+    assert!(
+        said(&output).0.contains("801 wrenches, 801 poses"),
+        "{}",
+        said(&output).0
+    );
+    let again = capture(&arguments);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(said(&again).1.contains("exists"), "{}", said(&again).1);
+
+    let rows: Vec<String> = std::fs::read_to_string(pose)
+        .unwrap()
+        .lines()
+        .skip(1)
+        .map(str::to_owned)
+        .collect();
+    let repeated = rows.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    let share = 100.0 * repeated as f64 / (rows.len() - 1) as f64;
+    assert!((share - 9.5).abs() < 0.2, "{share} %");
+    let checked = capture(&["check", out, "--json"]);
+    assert_eq!(checked.status.code(), Some(0), "{}", said(&checked).0);
+    let report: serde_json::Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let topic = &report["topics"]["/tcp/pose"];
+    assert_eq!(
+        (&topic["messages"], &topic["repeated_values"]),
+        (&801.into(), &repeated.into())
+    );
+    assert!(
+        (topic["rate_hz"].as_f64().unwrap() - 120.0).abs() < 0.01,
+        "{topic}"
+    );
+    for what in ["holes", "out_of_order", "duplicates"] {
+        assert_eq!(topic[what], 0, "{topic}");
+    }
+    assert!(
+        report["topics"]["/ft/wrench"]["repeated_values"]
+            .as_u64()
+            .unwrap()
+            < 10,
+        "{report}"
+    );
+    let table = said(&capture(&["check", out])).0;
+    let row = table
+        .lines()
+        .find(|line| line.trim_start().starts_with("/tcp/pose"))
+        .unwrap();
+    assert!(
+        row.split_whitespace()
+            .any(|cell| cell == repeated.to_string()),
+        "{table}"
+    );
+}
+
+#[test]
+fn tables_are_read_by_their_column_of_time_and_what_is_wrong_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(
+        path("w.csv"),
+        "us,a,b,c,d,e,f\n1000000,1,2,3,4,5,6\n1000500.5,1,2,3,4,5,7\n",
+    )
+    .unwrap();
+    std::fs::write(
+        path("p.csv"),
+        "us,x,y,z,qx,qy,qz,qw\n1000000,0,0,1,0,0,0,2\n1001000,0,0,1,0,0,0,0\n",
+    )
+    .unwrap();
+    let (wrench, pose, out) = (path("w.csv"), path("p.csv"), path("a.mcap"));
+    let import = |more: &[&str]| {
+        let mut arguments = vec![
+            "import-csv",
+            "--wrench",
+            &wrench,
+            "--pose",
+            &pose,
+            "-o",
+            &out,
+            "--force",
+        ];
+        arguments.extend(more);
+        capture(&arguments)
+    };
+    let good = [
+        "--time",
+        "us",
+        "--time-unit",
+        "us",
+        "--wrench-columns",
+        "a,b,c,d,e,f",
+        "--negate",
+    ];
+    let output = import(&good);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output).1);
+    assert!(
+        said(&output)
+            .0
+            .contains("2 wrenches, 1 poses, 1 poses without a rotation"),
+        "{}",
+        said(&output).0
+    );
+    let recording =
+        ft_recording::Recording::load(Path::new(&out), &ft_recording::TopicMap::default()).unwrap();
+    let stamps: Vec<_> = recording
+        .wrench
+        .iter()
+        .map(|sample| sample.at.as_nanos())
+        .collect();
+    assert_eq!(stamps, [1_000_000_000, 1_000_500_500]);
+    assert_eq!(
+        recording.wrench[0].value,
+        [-1.0, -2.0, -3.0, -4.0, -5.0, -6.0]
+    );
+    assert_eq!(
+        recording.pose.samples[0].value.quaternion,
+        [0.0, 0.0, 0.0, 1.0]
+    );
+    for (arguments, code, wanted) in [
+        (&["--rate", "100"][..], 1, "no column Fx"),
+        (&["--rate", "0"][..], 2, "0.1 to 100000"),
+        (&[][..], 2, "--rate"),
+        (
+            &["--time", "t", "--wrench-columns", "a,b,c,d,e,f"][..],
+            1,
+            "no column t",
+        ),
+        (
+            &["--time", "us", "--wrench-columns", "a,b"][..],
+            1,
+            "2 names, expected 6",
+        ),
+    ] {
+        let output = import(arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}");
+        assert!(
+            said(&output).1.contains(wanted),
+            "{arguments:?}: {}",
+            said(&output).1
+        );
+    }
 }

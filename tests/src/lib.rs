@@ -5,6 +5,7 @@ pub mod control;
 pub mod peers;
 pub mod programs;
 pub mod sealed;
+pub mod stamps;
 pub mod study;
 pub mod swing;
 pub mod truth;

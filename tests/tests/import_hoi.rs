@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use ft_capture::import::hoi::{HoiCalibration, HoiReport, import_part, parts};
-use ft_identify::batch::{self, BatchOptions, Outcome};
+use ft_identify::batch::{BatchRow, Outcome};
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::{Identified, identify_recording};
 use ft_recording::{Pose7, Recording, TopicMap, TrackedFrame};
 use ft_tests::truth::record;
-use ft_tests::workspace_root;
+use ft_tests::{programs, workspace_root};
 
 /// Writes what the script takes; `false` when there is no Python.
 fn write_tree(recording: &Path, base: &Path, name: (&str, &str), zip: bool) -> bool {
@@ -160,15 +160,18 @@ fn what_a_tree_lacks_is_named() {
 }
 
 #[test]
-fn a_batch_survives_a_bad_file_and_a_restart() {
+fn a_batch_of_fifty_survives_bad_files_a_kill_and_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let recordings = folder.path().join("recordings");
     std::fs::create_dir_all(recordings.join("kitchen")).unwrap();
     let good = recordings.join("kitchen/drawer.mcap");
     let _ = record("drawer_light", 33, &good);
-    // Fifty files: one recording, its torn copies, and files that are no recordings at all.
+    // Fifty files: four recordings, torn copies of them, and files that are no recordings at all.
     let bytes = std::fs::read(&good).unwrap();
-    for k in 0..49_usize {
+    for k in 0..3 {
+        std::fs::copy(&good, recordings.join(format!("z{k}.mcap"))).unwrap();
+    }
+    for k in 0..46_usize {
         let length = if k % 2 == 0 {
             10 * k
         } else {
@@ -180,39 +183,56 @@ fn a_batch_survives_a_bad_file_and_a_restart() {
         )
         .unwrap();
     }
-    let output = folder.path().join("results");
-    let options = BatchOptions {
-        jobs: 2,
-        again: false,
-        map: TopicMap::default(),
-        settings: MotionSettings::default(),
-    };
-    let old = std::sync::atomic::AtomicUsize::new(0);
-    let count = |_: &batch::BatchRow, is_old: bool| {
-        old.fetch_add(usize::from(is_old), std::sync::atomic::Ordering::Relaxed);
-    };
-    let rows = batch::run(&recordings, &output, &options, &count).unwrap();
-    assert_eq!(
-        (rows.len(), old.load(std::sync::atomic::Ordering::Relaxed)),
-        (50, 0)
-    );
-    assert_eq!(
-        (rows[0].name.as_str(), rows[0].outcome),
-        ("kitchen/drawer", Outcome::Identified)
-    );
-    assert!(
-        rows[1..]
-            .iter()
-            .all(|row| row.outcome == Outcome::Failed && row.reason.is_some())
-    );
-    assert!(output.join("kitchen/drawer/report.json").is_file());
-    let table = std::fs::read_to_string(output.join("summary.csv")).unwrap();
-    assert_eq!(table.lines().count(), 51);
+    let results = folder.path().join("results");
+    let note = |name: &str| results.join(name).join("batch.json");
+    let arguments = ["--batch", "recordings", "-o", "results", "--jobs", "1"];
 
-    // Begun again after the first result was lost half-way, and a file was replaced.
-    std::fs::write(output.join("torn00/batch.json"), "{\"name\": \"torn").unwrap();
+    // Killed when all but the last three are done, in the middle of one of these.
+    let mut batch = programs::command("ft-identify", &arguments, folder.path());
+    let silent = std::process::Stdio::null;
+    let mut batch = batch.stdout(silent()).stderr(silent()).spawn().unwrap();
+    while !note("torn45").exists() {
+        assert!(batch.try_wait().unwrap().is_none(), "ended before its end");
+        pause();
+    }
+    batch.kill().unwrap();
+    batch.wait().unwrap();
+    assert!(!note("z2").exists() && !results.join("summary.csv").exists());
+    let written = |name: &str| std::fs::metadata(note(name)).unwrap().modified().unwrap();
+    let before = ["kitchen/drawer", "torn00", "torn01", "torn02"].map(written);
+
+    // Meanwhile one result was lost half-way, and one file replaced.
+    std::fs::write(note("torn00"), "{\"name\": \"torn").unwrap();
     std::fs::write(recordings.join("torn01.mcap"), b"something else").unwrap();
-    let again = batch::run(&recordings, &output, &options, &count).unwrap();
-    assert_eq!(old.load(std::sync::atomic::Ordering::Relaxed), 48);
-    assert_eq!(again[0], rows[0]);
+    programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
+    let after = ["kitchen/drawer", "torn00", "torn01", "torn02"].map(written);
+    let again = [0, 1, 2, 3].map(|k| after[k] != before[k]);
+    assert_eq!(again, [false, true, true, false], "what was done again");
+    let text = std::fs::read_to_string(results.join("summary.json")).unwrap();
+    let rows: Vec<BatchRow> = serde_json::from_str(&text).unwrap();
+    assert_eq!(rows.len(), 50);
+    for row in &rows {
+        let is_good = row.name.starts_with('z') || row.name == "kitchen/drawer";
+        let wanted = if is_good {
+            Outcome::Identified
+        } else {
+            Outcome::Failed
+        };
+        assert_eq!(row.outcome, wanted, "{}: {:?}", row.name, row.reason);
+        assert_eq!(row.reason.is_none(), is_good, "{}", row.name);
+        assert_eq!(
+            row.inertia,
+            if is_good { rows[0].inertia } else { None },
+            "{}",
+            row.name
+        );
+    }
+    assert!(results.join("z2/report.json").is_file());
+    let table = std::fs::read_to_string(results.join("summary.csv")).unwrap();
+    assert_eq!(table.lines().count(), 51);
+}
+
+#[allow(clippy::disallowed_methods, reason = "another process is waited for")]
+fn pause() {
+    std::thread::sleep(std::time::Duration::from_millis(20));
 }

@@ -74,6 +74,8 @@ pub mod metadata {
     pub const CALIBRATED: &str = "ft.calibrated";
     /// What an import made the recording from: files by hash, clock map, counts.
     pub const IMPORT: &str = "ft.import";
+    /// What smoothing the device clocks afterwards moved: by topic, as JSON in the key `json`.
+    pub const RETIMED: &str = "ft.retimed";
     /// What [`recover`](crate::recover::recover) found, in a recording that it wrote.
     pub const RECOVERED: &str = "ft.recovered";
 }

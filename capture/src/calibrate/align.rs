@@ -38,7 +38,7 @@ const MIN_FREE_AIR_S: f64 = 4.0;
 const MIN_COVER: f64 = 0.6;
 /// The tool's motion must explain so much of the wrench; of the coarse search, which knows no inertia, less is asked.
 const MIN_EXPLAINED: f64 = 0.9;
-const MIN_EXPLAINED_COARSE: f64 = 0.5;
+pub(super) const MIN_EXPLAINED_COARSE: f64 = 0.5;
 /// Poses must show the tool turned or shaken by so much (gravity minus acceleration, m/s^2 rms about its mean): below, what
 /// the tracker wobbles by pulls the offset away.
 const MIN_MOTION: f64 = 1.0;
@@ -89,6 +89,7 @@ pub(super) fn align(
         skew: span >= SKEW_NEEDS_S,
         drift: span >= super::DRIFT_NEEDS_S,
         temperature: None,
+        turn: false,
     };
     let fit = problem.fit(start, &extras);
     let fit = fit.filter(|fit| (fit.delay.offset_s - best.shift_s).abs() < 4.0 * STEP_S);

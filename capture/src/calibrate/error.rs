@@ -107,6 +107,24 @@ pub enum CalibrateError {
         /// Largest standard deviation, m.
         std_m: f64,
     },
+    /// The force does not follow the poses by a rotation.
+    #[error(
+        "the force follows the poses by a map that squeezes one axis to {squeezed:.2} of the longest or mirrors it (need 0.6 and no mirror): turn the          tool about all three axes in free air, and check the signs and axes of sensor and tracker"
+    )]
+    NoRotation {
+        /// Shortest over longest axis.
+        squeezed: f64,
+    },
+    /// The sensor's rotation is known too badly.
+    #[error(
+        "the sensor's rotation on the tool shows only to +-{std_deg:.2} deg (need {needed_deg:.1} deg): turn the tool over about all three axes in free          air, still for 2 s in each orientation"
+    )]
+    RotationUnknown {
+        /// Largest standard deviation, deg.
+        std_deg: f64,
+        /// Needed, deg.
+        needed_deg: f64,
+    },
     /// The estimate is no calibration.
     #[error("the estimate is no body: {0}")]
     NoBody(#[from] ft_recording::CalibrationError),

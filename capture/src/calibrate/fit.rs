@@ -4,6 +4,7 @@ use ft_identify::least_squares::{effective_count, rms};
 use nalgebra::{DMatrix, DVector};
 
 use super::series::{PoseSide, TOOL, WrenchSide};
+use super::turn::TURN_STEP;
 
 /// Rows stand this far apart, s: a quarter period of the low-pass.
 pub(super) const ROW_STEP_S: f64 = 1.0 / (4.0 * super::series::CUTOFF_HZ);
@@ -18,6 +19,8 @@ pub(super) struct Extras {
     pub(super) drift: bool,
     /// A bias that follows the temperature: (s, K above the mean), by time.
     pub(super) temperature: Option<Vec<(f64, f64)>>,
+    /// Small turns of the sensor on the tool, about its axes; [`Problem::turned`] must be there.
+    pub(super) turn: bool,
     /// A delay of the pose's stamps.
     pub(super) delay: bool,
     /// A delay that grows linearly in time.
@@ -46,6 +49,8 @@ pub(super) struct Problem {
     pub(super) wrench: WrenchSide,
     /// Free air, s, by the wrench's stamps.
     pub(super) windows: Vec<(f64, f64)>,
+    /// The poses as a sensor sees them that is turned by [`TURN_STEP`] about its x, y and z.
+    pub(super) turned: Option<[PoseSide; 3]>,
 }
 
 /// A fit.
@@ -66,6 +71,7 @@ pub(super) struct Fit {
     /// Where each extra begins.
     pub(super) drift_at: Option<usize>,
     pub(super) temperature_at: Option<usize>,
+    pub(super) turn_at: Option<usize>,
 }
 
 impl Fit {
@@ -172,7 +178,9 @@ impl Problem {
         };
         let drift_at = take(extras.drift, 6);
         let temperature_at = take(extras.temperature.is_some(), 6);
-        // The first round has no tool yet whose wrench could be shifted.
+        // The first round has no tool yet whose wrench could be turned or shifted.
+        let turned = self.turned.as_ref().filter(|_| extras.turn);
+        let turn_at = take(turned.is_some() && theta.is_some(), 3);
         let offset_at = take(extras.delay && theta.is_some(), 1);
         let skew_at = take(extras.skew && offset_at.is_some(), 1);
         let middle = self.middle_s();
@@ -192,6 +200,16 @@ impl Problem {
                 }
                 if let (Some(at), Some(temperature)) = (temperature_at, &extras.temperature) {
                     row[(axis, at + axis)] = interpolate(temperature, t);
+                }
+            }
+            if let (Some(turn_at), Some(theta), Some(turned)) = (turn_at, theta, turned) {
+                let tool = theta.fixed_rows::<TOOL>(0);
+                let [Some(x), Some(y), Some(z)] = turned.each_ref().map(|side| side.at(at)) else {
+                    continue;
+                };
+                for (k, side) in [x, y, z].into_iter().enumerate() {
+                    let slope = (side - columns) * tool / TURN_STEP;
+                    row.view_mut((0, turn_at + k), (6, 1)).copy_from(&slope);
                 }
             }
             if let (Some(offset_at), Some(theta)) = (offset_at, theta) {
@@ -262,6 +280,7 @@ impl Problem {
                 worth: worth[0],
                 drift_at,
                 temperature_at,
+                turn_at,
             },
         })
     }

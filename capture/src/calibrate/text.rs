@@ -6,6 +6,8 @@ use std::fmt;
 use ft_recording::{Calibration, Recording};
 use serde::Serialize;
 
+use crate::config::Frames;
+
 use super::{Alignment, CalibrateError, Calibrated};
 
 impl Calibrated {
@@ -25,10 +27,13 @@ impl Calibrated {
         #[derive(Serialize)]
         struct File<'a> {
             calibration: &'a Calibration,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            frames: Option<Frames>,
         }
         let name = recording.path.file_name().unwrap_or_default();
         let text = toml::to_string(&File {
             calibration: &self.calibration,
+            frames: self.frames(recording),
         })?;
         Ok(format!(
             "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}",
@@ -97,6 +102,14 @@ impl fmt::Display for Calibrated {
                 "per kelvin    {} N, {} N m",
                 list(&rate.value[..3], 1.0, 4),
                 list(&rate.value[3..], 1.0, 5)
+            )?;
+        }
+        if let Some(rotation) = &self.rotation {
+            writeln!(
+                f,
+                "rotation      quaternion x y z w {} from ft_sensor to tcp (+-{} deg about x, y, z)",
+                list(&rotation.quaternion_xyzw, 1.0, 5),
+                list(&rotation.std_deg, 1.0, 3)
             )?;
         }
         match (&self.alignment, &self.not_aligned) {

@@ -77,8 +77,8 @@ pub fn parts(folder: &Path) -> Result<Vec<HoiPart>, ImportError> {
         return Err(ImportError::Missing {
             path: folder.to_owned(),
             missing: format!("no folder or zip *{BAG}"),
-            hint: "give <base>/extracted/<location>/gripper, or a folder above it; the raw layout (.bag, .vrs) is not read: \
-                   extract it with the dataset's own tools first",
+            hint: "give <base>/extracted/<location>/gripper, or a folder above it; the raw layout (.bag, MPS folders) is read in \
+                   steps: see `ft-capture import-bag --help`",
         });
     }
     Ok(found.into_iter().collect())

@@ -23,6 +23,7 @@ use crate::open::{self, Connection};
 use crate::queues::{Queues, queues};
 use crate::session::link_loop::LinkThread;
 use crate::summary::Summary;
+use crate::zenoh_link;
 
 /// The operator's loop: marks, commands, diagnostics.
 const OPERATOR_PERIOD: Duration = Duration::from_millis(20);
@@ -73,6 +74,7 @@ pub fn run(
     )?;
     // What devices say at their set-up waits in the queue until the file is there.
     queues.set_recording(plan.record.is_some());
+    let connections = through_network(plan, connections, publisher.session())?;
     let links = open_links(plan, clock, connections, &queues, &counters, &stop)?;
     let mut operator = Operator {
         plan,
@@ -101,6 +103,28 @@ pub fn run(
         return Err(SessionError::Panicked("link"));
     }
     summary
+}
+
+/// Devices whose port is a key come through the session.
+fn through_network(
+    plan: &Plan,
+    connections: Vec<Connection>,
+    network: Option<&zenoh::Session>,
+) -> Result<Vec<Connection>, SessionError> {
+    let named = plan.config.devices.iter().zip(connections);
+    named
+        .map(|(device, connection)| match (&connection, network) {
+            (Connection::Configured, _) if !device.port.starts_with(zenoh_link::PREFIX) => {
+                Ok(connection)
+            }
+            (Connection::Configured, Some(session)) => Ok(Connection::Network(session.clone())),
+            (Connection::Configured, None) => Err(SessionError::NoNetwork {
+                device: device.name.clone(),
+                port: device.port.clone(),
+            }),
+            _ => Ok(connection),
+        })
+        .collect()
 }
 
 fn open_links(

@@ -97,6 +97,11 @@ impl Publisher {
         Ok(publisher)
     }
 
+    /// The network, when there is one.
+    pub(super) fn session(&self) -> Option<&zenoh::Session> {
+        self.zenoh.as_ref().map(|(session, _)| session)
+    }
+
     fn open_zenoh(
         &mut self,
         plan: &Plan,

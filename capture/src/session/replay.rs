@@ -15,7 +15,7 @@ use ft_recording::message::{Message, Text};
 use ft_recording::reader::{Record, RecordReader};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
-use super::stepped::{Buffer, Stepping};
+use super::stepped::{Buffer, Listener, Stepping};
 use super::{Plan, SessionError};
 use crate::channel::Channel;
 use crate::config::Config;
@@ -29,15 +29,26 @@ use crate::summary::Summary;
 /// # Errors
 /// `file` cannot be read or has no raw frames or no configuration; `out` exists or cannot be written.
 pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, SessionError> {
+    let source = Source::read(file)?;
+    play(file, source, Some((out, overwrite)), None)
+}
+
+/// Sends what `file` holds through the drivers, into `out` (and whether it may be replaced) and past `listener`.
+pub(super) fn play(
+    file: &Path,
+    source: Source,
+    out: Option<(&Path, bool)>,
+    listener: Option<Listener>,
+) -> Result<Summary, SessionError> {
     let Source {
         config,
         start,
         first_samples,
-    } = Source::read(file)?;
+    } = source;
     let plan = Plan {
         config,
-        record: Some(out.to_owned()),
-        overwrite,
+        record: out.map(|(path, _)| path.to_owned()),
+        overwrite: out.is_some_and(|(_, overwrite)| overwrite),
         duration: None,
         publish: false,
     };
@@ -65,6 +76,9 @@ pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, Sessi
         feeds.push(feed);
     }
     let mut stepping = Stepping::begin(&plan, links, &counters, buffer, start, "replayed")?;
+    if let Some(listener) = listener {
+        stepping.listen(listener);
+    }
     let damage = feed_all(file, &plan.config, &first_samples, &feeds, &mut stepping)?;
     let mut summary = stepping.finish()?;
     summary.source_damage = damage;
@@ -158,8 +172,8 @@ fn feed_all(
 }
 
 /// What a first pass over the recording finds.
-struct Source {
-    config: Config,
+pub(super) struct Source {
+    pub(super) config: Config,
     /// When it began.
     start: HostTime,
     /// Arrival of the first message of each topic.
@@ -167,7 +181,7 @@ struct Source {
 }
 
 impl Source {
-    fn read(file: &Path) -> Result<Self, SessionError> {
+    pub(super) fn read(file: &Path) -> Result<Self, SessionError> {
         let not = |what| SessionError::NotReplayable {
             path: file.display().to_string(),
             what,

@@ -44,7 +44,11 @@ pub struct Stepping {
     health: Health,
     merge: Merge,
     sink: Option<McapSink>,
+    listener: Option<Listener>,
 }
+
+/// Hears of every item as it comes out of its channel.
+pub type Listener = Box<dyn FnMut(&Item)>;
 
 impl Stepping {
     /// Begins at `start`; `clock_name` goes into the recording.
@@ -76,7 +80,13 @@ impl Stepping {
             health: health(plan, counters),
             merge: Merge::new(MERGE_HOLD),
             sink,
+            listener: None,
         })
+    }
+
+    /// Tells `listener` of every item from now on.
+    pub fn listen(&mut self, listener: Listener) {
+        self.listener = Some(listener);
     }
 
     /// The clock.
@@ -96,9 +106,13 @@ impl Stepping {
             link.turn_until_idle(&self.clock, now)?;
         }
         for item in self.buffer.0.borrow_mut().drain(..) {
+            if let Some(listener) = &mut self.listener {
+                listener(&item);
+            }
             match item.body {
                 Body::Event(_) | Body::Clock(_) => drop(self.health.take(&item)),
-                _ => self.merge.push(item),
+                _ if self.sink.is_some() => self.merge.push(item),
+                _ => {}
             }
         }
         if let Some(array) = self.health.poll(now) {
@@ -115,6 +129,9 @@ impl Stepping {
 
     /// Takes what no device said.
     pub fn own(&mut self, at: HostTime, body: Body) {
+        if self.sink.is_none() {
+            return;
+        }
         self.merge.push(Item {
             device: None,
             arrival: at,

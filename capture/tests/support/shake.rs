@@ -131,6 +131,10 @@ pub(crate) struct Setup {
     pub(crate) bias: [f64; 6],
     /// Per second.
     pub(crate) bias_rate: [f64; 6],
+    /// The bias follows the temperature, per kelvin.
+    pub(crate) bias_per_kelvin: [f64; 6],
+    /// The sensor warms up and cools down by so much, K; 0 for a sensor without a thermometer.
+    pub(crate) warms_k: f64,
     pub(crate) tcp_from_ft_sensor: Pose7,
     pub(crate) motion: Motion,
     /// Seconds to add to the pose's stamps to make them right.
@@ -180,6 +184,8 @@ impl Setup {
             inertia: turn * diagonal * turn.transpose(),
             bias: [force.x, force.y, force.z, torque.x, torque.y, torque.z],
             bias_rate: [0.0; 6],
+            bias_per_kelvin: [0.0; 6],
+            warms_k: 0.0,
             tcp_from_ft_sensor: pose7(&position, &sensor),
             motion,
             offset_s: numbers.within(-3.0, 3.0),
@@ -193,6 +199,11 @@ impl Setup {
             pose_late_s: 0.0,
             seed,
         }
+    }
+
+    /// Kelvin above the mean at `t`, up and down within a minute.
+    fn warmer(&self, t: f64) -> f64 {
+        0.5 * self.warms_k * (t / 10.0).sin()
     }
 
     /// What the sensor and the tracker deliver.
@@ -252,7 +263,9 @@ impl Setup {
                     0..3 => (force[k], self.force_noise),
                     _ => (torque[k - 3], self.torque_noise),
                 };
-                own + self.bias[k] + self.bias_rate[k] * t + noise * numbers.normal()
+                let bias =
+                    self.bias[k] + self.bias_rate[k] * t + self.bias_per_kelvin[k] * self.warmer(t);
+                own + bias + noise * numbers.normal()
             });
             Stamped {
                 at: stamp(t),
@@ -281,7 +294,15 @@ impl Setup {
             },
             wrench,
             gripper_width: Vec::new(),
-            temperature: Vec::new(),
+            temperature: match self.warms_k {
+                0.0 => Vec::new(),
+                _ => samples(1.0)
+                    .map(|t| Stamped {
+                        at: stamp(t),
+                        value: 25.0 + self.warmer(t),
+                    })
+                    .collect(),
+            },
             aria_device_from_tcp: Pose7::IDENTITY,
             tcp_from_ft_sensor: self.tcp_from_ft_sensor,
             marks: Vec::new(),

@@ -14,6 +14,7 @@ const EXAMPLES: &str = "Examples:
   ft-capture calibrate shake.mcap --toml calibration.toml           for the [calibration] of later recordings
   ft-capture calibrate door.mcap -o door-cal.mcap --plot cal.html   into a new recording, from its free air before the grasp
   ft-capture calibrate door.mcap -o door-cal.mcap --align           and shift the poses by the offset found
+  ft-capture calibrate shake.mcap --find-rotation --toml cal.toml   the sensor's rotation on the tool too, as [frames]
 
 Hold the tool still for 2 s in four orientations or more, then shake and turn it for 10 s, in free air.";
 
@@ -41,6 +42,9 @@ pub(crate) struct CalibrateArguments {
     /// How far pose and wrench may be apart, s
     #[arg(long, default_value_t = 10.0, value_parser = positive)]
     search: f64,
+    /// Find how the sensor is turned on the tool too, whatever /tf_static says (where it sits must be known)
+    #[arg(long)]
+    find_rotation: bool,
     /// A topic in place of one of ours: /their/topic=/ft/wrench
     #[arg(long)]
     map: Vec<String>,
@@ -75,6 +79,7 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> CommandResult {
     let options = CalibrateOptions {
         free_air: arguments.free_air,
         search_s: arguments.search,
+        find_rotation: arguments.find_rotation,
     };
     let outputs = Outputs {
         recording: arguments.output.as_deref(),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ft_capture::init::{self, Found};
-use ft_capture::session::replay;
+use ft_capture::session::{replay, retime};
 use ft_recording::{check, recover};
 
 use crate::terminal::say;
@@ -55,13 +55,24 @@ pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
     Ok(Outcome::Fine)
 }
 
-/// Tells whether a recording is whole.
-pub(crate) fn check(file: &Path, json: bool) -> CommandResult {
-    let report = check::check(file)?;
-    if json {
-        say(&serde_json::to_string_pretty(&report)?)?;
-    } else {
-        say(&report.to_string())?;
+/// Tells whether a recording is whole, or the new one that is made of it with its clocks smoothed.
+pub(crate) fn check(file: &Path, retimed: Option<&Path>, force: bool, json: bool) -> CommandResult {
+    let moved = retimed
+        .map(|out| retime::retime(file, out, force))
+        .transpose()?;
+    let report = check::check(retimed.unwrap_or(file))?;
+    match (&moved, json) {
+        (None, true) => say(&serde_json::to_string_pretty(&report)?)?,
+        (Some(moved), true) => {
+            let both = serde_json::json!({ "check": report, "retimed": moved });
+            say(&serde_json::to_string_pretty(&both)?)?;
+        }
+        (moved, false) => {
+            if let Some(moved) = moved {
+                say(&moved.to_string())?;
+            }
+            say(&report.to_string())?;
+        }
     }
     Ok(Outcome::of(report.lost_data()))
 }

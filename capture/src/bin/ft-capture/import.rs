@@ -1,4 +1,4 @@
-//! `ft-capture import-aria` and `import-hoi`.
+//! `ft-capture import-aria`, `import-hoi`, `import-csv` and `import-bag`.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,9 @@ use clap::Args;
 use ft_capture::calibrate::CalibrateOptions;
 use ft_capture::config::Config;
 use ft_capture::import::aria::{AriaOptions, import_aria};
+use ft_capture::import::bag::{HOI_TEMPERATURE, HOI_WRENCH, import_bag};
 use ft_capture::import::hoi;
+use ft_capture::import::tables::{RowTime, TableOptions, import_tables};
 
 use crate::calibrate::{positive, seconds_range};
 use crate::terminal::say;
@@ -75,6 +77,7 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         calibrate: CalibrateOptions {
             free_air: arguments.free_air,
             search_s: arguments.search,
+            find_rotation: false,
         },
         min_quality: arguments.min_quality,
         open_loop: arguments.open_loop,
@@ -193,4 +196,149 @@ fn bar_of(count: usize) -> indicatif::ProgressBar {
     } else {
         indicatif::ProgressBar::hidden()
     }
+}
+
+const CSV_EXAMPLES: &str = "Examples:
+  ft-capture import-csv --wrench Wrench_interaction_saved.csv --pose baton_pose_saved.csv --rate 120 -o baton.mcap
+  ft-capture import-csv --wrench ft.csv --pose tracker.csv --time t --time-unit us --wrench-columns a,b,c,d,e,f -o a.mcap
+
+Then `ft-capture check baton.mcap` says what the recording is worth. Force and torque in N and N m, environment on tool, in the sensor's
+axes; poses in m, world from tool centre point, z up.";
+
+/// What to import.
+#[derive(Debug, Args)]
+#[command(after_help = CSV_EXAMPLES)]
+pub(crate) struct CsvArguments {
+    /// Table of the wrench
+    #[arg(long, value_name = "FILE.csv")]
+    wrench: PathBuf,
+    /// Table of the poses
+    #[arg(long, value_name = "FILE.csv")]
+    pose: PathBuf,
+    /// The new recording
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// Rows of both tables are even, so many a second
+    #[arg(long, value_name = "HZ", value_parser = rate, required_unless_present = "time", conflicts_with = "time")]
+    rate: Option<f64>,
+    /// Column of the time in both tables
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<String>,
+    /// Unit of that column
+    #[arg(long, value_name = "s|ms|us|ns", default_value = "s", value_parser = ["s", "ms", "us", "ns"])]
+    time_unit: String,
+    /// Columns of force and torque [default: Fx,Fy,Fz,Tx,Ty,Tz or the like]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    wrench_columns: Vec<String>,
+    /// Columns of position and quaternion x y z w [default: x,y,z,qx,qy,qz,qw or x,y,z,q0,q1,q2,q3]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pose_columns: Vec<String>,
+    /// The sensor reports what the tool does to the environment: turn the signs round
+    #[arg(long)]
+    negate: bool,
+    /// Replace an existing recording
+    #[arg(long)]
+    force: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A rate of rows.
+fn rate(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok();
+    number
+        .filter(|number| (0.1..=100_000.0).contains(number))
+        .ok_or_else(|| "a number from 0.1 to 100000".to_owned())
+}
+
+/// So many names or none.
+fn names<const N: usize>(given: &[String], flag: &str) -> Result<Option<[String; N]>, String> {
+    if given.is_empty() {
+        return Ok(None);
+    }
+    <[String; N]>::try_from(given.to_vec())
+        .map(Some)
+        .map_err(|given| format!("{flag}: {} names, expected {N}", given.len()))
+}
+
+/// Carries `import-csv` out.
+pub(crate) fn csv(arguments: &CsvArguments) -> CommandResult {
+    let unit_ns = match arguments.time_unit.as_str() {
+        "ns" => 1,
+        "us" => 1_000,
+        "ms" => 1_000_000,
+        _ => 1_000_000_000,
+    };
+    let time = match (&arguments.time, arguments.rate) {
+        (Some(column), _) => RowTime::Column(column.clone(), unit_ns),
+        (None, hz) => RowTime::Rate(hz.unwrap_or(1.0)),
+    };
+    let options = TableOptions {
+        time,
+        wrench_columns: names(&arguments.wrench_columns, "--wrench-columns")?,
+        pose_columns: names(&arguments.pose_columns, "--pose-columns")?,
+        negate_wrench: arguments.negate,
+        overwrite: arguments.force,
+    };
+    let report = import_tables(
+        &arguments.wrench,
+        &arguments.pose,
+        &arguments.output,
+        &options,
+    )?;
+    if arguments.json {
+        say(&serde_json::to_string_pretty(&report)?)?;
+    } else {
+        say(&report.to_string())?;
+    }
+    Ok(Outcome::Fine)
+}
+
+const BAG_EXAMPLES: &str = "Examples (the raw form of the Hoi! dataset, whose two clocks are not aligned):
+  ft-capture import-bag raw/kitchen/gripper/gripper/kitchen_1-3_2024-05-20.bag -o wrench.mcap
+  ft-capture import-aria wrench.mcap --mps raw/kitchen/gripper/aria_gripper/mps_kitchen_1-3_gripper_vrs --frames capture.toml \\
+      --free-air 2..14 -o aligned.mcap                      where the tool is in free air says how far the clocks are apart
+  ft-capture calibrate aligned.mcap --free-air 2..14 -o kitchen_1-3.mcap   the tool's mass and the bias
+
+Chunks that are packed are refused: `rosbag decompress` unpacks them.";
+
+/// What to import.
+#[derive(Debug, Args)]
+#[command(after_help = BAG_EXAMPLES)]
+pub(crate) struct BagArguments {
+    /// The bag
+    bag: PathBuf,
+    /// The new recording
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// Topic of the wrench, geometry_msgs/WrenchStamped
+    #[arg(long, value_name = "TOPIC", default_value = HOI_WRENCH)]
+    wrench: String,
+    /// Topic of the sensor's temperature, sensor_msgs/Temperature; may be missing
+    #[arg(long, value_name = "TOPIC", default_value = HOI_TEMPERATURE)]
+    temperature: String,
+    /// Replace an existing recording
+    #[arg(long)]
+    force: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Carries `import-bag` out.
+pub(crate) fn bag(arguments: &BagArguments) -> CommandResult {
+    let report = import_bag(
+        &arguments.bag,
+        &arguments.wrench,
+        &arguments.temperature,
+        &arguments.output,
+        arguments.force,
+    )?;
+    if arguments.json {
+        say(&serde_json::to_string_pretty(&report)?)?;
+    } else {
+        say(&report.to_string())?;
+    }
+    Ok(Outcome::of(report.cut_short))
 }

@@ -35,10 +35,13 @@ const EXAMPLES: &str = "Examples:
   ft-capture devices                                 what is plugged in
   ft-capture init                                    a first capture.toml from it
   ft-capture check door.mcap                         is the recording whole?
+  ft-capture check door.mcap --retime better.mcap    device clocks smoothed over the whole recording, into a new one
   ft-capture recover door.mcap.partial -o door.mcap  after a crash
   ft-capture calibrate shake.mcap --toml calibration.toml --plot shake.html   the tool's own weight, and the bias
   ft-capture import-aria rec.mcap --mps mps/ -o door.mcap   poses that Project Aria's services computed
   ft-capture import-hoi extracted/kitchen/gripper -o recordings/   the public Hoi! dataset
+  ft-capture import-csv --wrench ft.csv --pose pose.csv --rate 120 -o a.mcap   two plain tables
+  ft-capture import-bag kitchen_1-3.bag -o wrench.mcap   the wrench of a ROS 1 bag; then import-aria adds the poses
 
 Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.";
 
@@ -160,6 +163,12 @@ enum Command {
     Check {
         /// The recording
         file: PathBuf,
+        /// Write a new recording whose device clocks are smoothed over the whole recording, and check that
+        #[arg(long, value_name = "NEW.mcap")]
+        retime: Option<PathBuf>,
+        /// Replace an existing NEW.mcap
+        #[arg(long, requires = "retime")]
+        force: bool,
         /// Print the report as JSON
         #[arg(long)]
         json: bool,
@@ -200,6 +209,10 @@ enum Command {
     ImportAria(import::AriaArguments),
     /// Make recordings of the public Hoi! dataset (its extracted layout)
     ImportHoi(import::HoiArguments),
+    /// Make a recording of a wrench and poses that lie in two CSV tables
+    ImportCsv(import::CsvArguments),
+    /// Make a recording of the wrench of a ROS 1 bag, such as the Hoi! dataset's raw ones
+    ImportBag(import::BagArguments),
 }
 
 fn main() -> ExitCode {
@@ -209,7 +222,12 @@ fn main() -> ExitCode {
         None => record::record(&arguments.record),
         Some(Command::Devices) => files::devices(),
         Some(Command::Init { output, force }) => files::init(&output, force),
-        Some(Command::Check { file, json }) => files::check(&file, json),
+        Some(Command::Check {
+            file,
+            retime,
+            force,
+            json,
+        }) => files::check(&file, retime.as_deref(), force, json),
         Some(Command::Recover {
             file,
             output,
@@ -226,6 +244,8 @@ fn main() -> ExitCode {
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::ImportAria(arguments)) => import::aria(&arguments),
         Some(Command::ImportHoi(arguments)) => import::hoi(&arguments),
+        Some(Command::ImportCsv(arguments)) => import::csv(&arguments),
+        Some(Command::ImportBag(arguments)) => import::bag(&arguments),
     };
     match result {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,

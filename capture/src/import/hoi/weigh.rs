@@ -12,6 +12,7 @@ pub(super) fn free_air(recording: &Recording, from_s: f64, until_s: f64) -> Opti
     let options = CalibrateOptions {
         free_air: Some((from_s, until_s)),
         search_s: 0.5,
+        find_rotation: false,
     };
     let found = calibrate(recording, &options).ok()?;
     // A hand that rests on the tool, or a handle, leaves newtons.
