@@ -17,6 +17,7 @@ use crate::session::control::{Command, refusal};
 use crate::sink::SinkError;
 use crate::web::Operator;
 
+mod holes;
 pub mod recorder;
 
 /// How long an answer to a command may take.

@@ -32,6 +32,7 @@ use zenoh_ext::{
     AdvancedSubscriber, AdvancedSubscriberBuilderExt as _, HistoryConfig, RecoveryConfig,
 };
 
+use super::holes::Holes;
 use super::{Remote, Which, ask};
 use crate::rmw::{self, Attachment};
 use crate::session::control::Command;
@@ -47,6 +48,12 @@ const QUIET: Duration = Duration::from_millis(20);
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 /// How long what is still being asked for is waited for at the end.
 const LAST_WORDS: Duration = Duration::from_millis(1500);
+/// How often what is still missing is asked for.
+const ASK_PERIOD: Duration = Duration::from_secs(1);
+/// How long Zenoh's own recovery may hold back what came after a hole; what it did not get by then is asked for again.
+const ANSWER_WITHIN: Duration = Duration::from_secs(3);
+/// How often it is asked for at the end, and how long each answer is waited for.
+const LAST_ASKS: (u32, Duration) = (4, Duration::from_millis(700));
 /// Publishers of which account is kept.
 const MOST_SOURCES: usize = 1024;
 
@@ -188,6 +195,8 @@ impl Recorder {
             channels: HashMap::new(),
             topics: BTreeMap::new(),
             sources: HashMap::new(),
+            holes: Holes::default(),
+            answers: sender.clone(),
             has_metadata: false,
             metadata_due: clock.now(),
             bytes: Arc::clone(&bytes),
@@ -277,6 +286,7 @@ fn subscribe(
         })
         .history(HistoryConfig::default().detect_late_publishers())
         .recovery(RecoveryConfig::default().heartbeat())
+        .query_timeout(ANSWER_WITHIN)
         .wait()
         .map_err(refused)?;
     Ok((subscriber, direct))
@@ -308,6 +318,9 @@ struct File {
     topics: BTreeMap<String, RemoteLedger>,
     /// The last number of each publisher.
     sources: HashMap<[u8; 16], i64>,
+    holes: Holes,
+    /// Where the answers to what is asked for again go.
+    answers: Sender<Sample>,
     has_metadata: bool,
     metadata_due: HostTime,
     bytes: Arc<AtomicU64>,
@@ -322,9 +335,12 @@ impl File {
     ) -> Result<Written, WriteError> {
         let handle = self.writer.sync_handle()?;
         let mut sync_due = self.clock.now();
+        let mut ask_due = sync_due + ASK_PERIOD;
+        let mut last_asks = 0;
         loop {
             let over = ending.load(Ordering::Acquire);
-            match samples.recv_timeout(QUIET) {
+            let quiet = if last_asks > 0 { LAST_ASKS.1 } else { QUIET };
+            match samples.recv_timeout(quiet) {
                 Ok(sample) => {
                     self.take(&sample)?;
                     for sample in samples.try_iter().take(1000) {
@@ -332,13 +348,23 @@ impl File {
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) if over => break,
+                Err(RecvTimeoutError::Timeout) if over => {
+                    if !self.holes.are_open() || last_asks == LAST_ASKS.0 {
+                        break;
+                    }
+                    last_asks += 1;
+                    self.ask_again();
+                }
                 Err(RecvTimeoutError::Timeout) => {}
             }
             let now = self.clock.now();
             self.writer.flush_if_due(now)?;
             self.bytes
                 .store(self.writer.bytes_written(), Ordering::Relaxed);
+            if now >= ask_due {
+                ask_due = now + ASK_PERIOD;
+                self.ask_again();
+            }
             if now >= sync_due {
                 sync_due = now + SYNC_PERIOD;
                 // A disk that refuses to sync refuses to finish, too, and is heard then.
@@ -363,6 +389,14 @@ impl File {
             finished: self.writer.finish()?,
             topics: self.topics,
         })
+    }
+
+    fn ask_again(&mut self) {
+        let answers = self.answers.clone();
+        self.holes.ask(self.remote.session(), &move |sample| {
+            // What does not fit is asked for again.
+            let _ = answers.send_timeout(sample, PATIENCE);
+        });
     }
 
     /// What did not come by itself was recovered.
@@ -417,8 +451,20 @@ impl File {
             ledger.refused += 1;
             return Ok(());
         };
-        if !number(&mut self.sources, ledger, attachment) {
-            return Ok(());
+        match number(&mut self.sources, attachment) {
+            Number::Next => {}
+            Number::First => {
+                ledger.earlier += u64::try_from(attachment.sequence - 1).unwrap_or(0);
+            }
+            Number::Skips(from) => {
+                ledger.gaps += u64::try_from(attachment.sequence - from).unwrap_or(0);
+                self.holes.add(sample, attachment, from);
+            }
+            Number::Before if self.holes.fill(attachment) => ledger.gaps -= 1,
+            Number::Before => {
+                ledger.duplicated += 1;
+                return Ok(());
+            }
         }
         let at = HostTime::from_nanos(attachment.source_ns);
         let stamps = MessageStamps {
@@ -432,30 +478,35 @@ impl File {
     }
 }
 
-/// Counts by the publisher's number; false for a message that was there already.
-fn number(
-    sources: &mut HashMap<[u8; 16], i64>,
-    ledger: &mut RemoteLedger,
-    attachment: Attachment,
-) -> bool {
+/// Where a message stands among its publisher's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Number {
+    /// The first of this publisher.
+    First,
+    /// The one after the last.
+    Next,
+    /// After a hole that begins at this number.
+    Skips(i64),
+    /// Before the last: it fills a hole, or came twice.
+    Before,
+}
+
+fn number(sources: &mut HashMap<[u8; 16], i64>, attachment: Attachment) -> Number {
     let Attachment { gid, sequence, .. } = attachment;
-    match sources.get_mut(&gid) {
-        Some(last) if sequence <= *last => {
-            ledger.duplicated += 1;
-            false
+    let Some(last) = sources.get_mut(&gid) else {
+        if sources.len() < MOST_SOURCES {
+            sources.insert(gid, sequence);
         }
-        Some(last) => {
-            ledger.gaps += u64::try_from(sequence - *last - 1).unwrap_or(0);
-            *last = sequence;
-            true
-        }
-        None => {
-            if sources.len() < MOST_SOURCES {
-                sources.insert(gid, sequence);
-            }
-            ledger.earlier += u64::try_from(sequence - 1).unwrap_or(0);
-            true
-        }
+        return Number::First;
+    };
+    if sequence <= *last {
+        return Number::Before;
+    }
+    let expected = std::mem::replace(last, sequence) + 1;
+    if sequence == expected {
+        Number::Next
+    } else {
+        Number::Skips(expected)
     }
 }
 
@@ -496,19 +547,40 @@ mod tests {
 
     #[test]
     fn numbers_tell_holes_and_doubles_of_each_publisher() {
-        let (mut sources, mut ledger) = (HashMap::new(), RemoteLedger::default());
-        let mut taken = 0;
+        use Number::{Before, First, Next, Skips};
+        let mut sources = HashMap::new();
         // The second publisher is the first after its restart.
-        for (source, sequence) in [(1, 5), (1, 6), (1, 6), (1, 9), (1, 8), (2, 1), (2, 2)] {
+        for (source, sequence, expected) in [
+            (1, 5, First),
+            (1, 6, Next),
+            (1, 6, Before),
+            (1, 9, Skips(7)),
+            (1, 8, Before),
+            (2, 1, First),
+            (2, 2, Next),
+        ] {
             let attachment = Attachment {
                 sequence,
                 source_ns: 0,
                 gid: [source; 16],
             };
-            taken += u64::from(number(&mut sources, &mut ledger, attachment));
+            assert_eq!(
+                number(&mut sources, attachment),
+                expected,
+                "{source} {sequence}"
+            );
         }
-        assert_eq!((taken, ledger.gaps, ledger.duplicated), (5, 2, 2));
-        assert_eq!(ledger.earlier, 4, "numbers count from 1");
-        assert!(ledger.lost_data());
+    }
+
+    #[test]
+    fn a_hole_is_a_loss_and_what_was_before_the_recording_is_none() {
+        let before = RemoteLedger {
+            earlier: 9,
+            recovered: 9,
+            duplicated: 9,
+            ..RemoteLedger::default()
+        };
+        assert!(!before.lost_data());
+        assert!(RemoteLedger { gaps: 1, ..before }.lost_data());
     }
 }
