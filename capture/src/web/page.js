@@ -232,8 +232,8 @@ function prepare(canvas) {
 
 // The step of a scale: 1, 2 or 5 times a power of ten.
 function step(span) {
-  const power = 10 ** Math.floor(Math.log10(span));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => span / candidate <= 5);
+  const power = 10 ** (Math.floor(Math.log10(span)) - 1);
+  return [1, 2, 5, 10, 20, 50].map((factor) => factor * power).find((candidate) => span / candidate <= 5);
 }
 
 const scales = {};
