@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Refused, confirm, diagnose_without, evidence,
+    Confirmation, Diagnosis, Evidence, Refused, confirm, diagnose_without, evidence, slope_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure,
@@ -118,7 +118,8 @@ pub fn analyse_confirmed(
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
     let full = with_mechanism(motion, &diagnosis)?;
-    let mut floor = noise::floor(samples, motion, &full)?;
+    let slope = slope_of(motion, &diagnosis.found(), full.theta.as_slice());
+    let mut floor = noise::floor(samples, motion, &full, &slope)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
     let tau = motion.regressor(&motion.tau)?;
     let (verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
@@ -165,9 +166,9 @@ fn confirmed_diagnosis(
     others: &[(String, JointSamples)],
 ) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
     let mut barred: Vec<&'static str> = Vec::new();
-    let mut earlier: Vec<Refused> = Vec::new();
+    let (samples, mut earlier) = confirmed_change(samples, others);
     loop {
-        let mut diagnosis = diagnose_without(samples, settings, &barred)?;
+        let mut diagnosis = diagnose_without(&samples, settings, &barred)?;
         let known = diagnosis.refused.len();
         let confirmed = confirm(&mut diagnosis, others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
@@ -186,6 +187,34 @@ fn confirmed_diagnosis(
         earlier.extend(refused);
     }
 }
+
+/// Leaves a change of the tool in the effort when another recording does not show the same.
+fn confirmed_change(
+    samples: &JointSamples,
+    others: &[(String, JointSamples)],
+) -> (JointSamples, Vec<Refused>) {
+    let Some(change) = &samples.aside.change else {
+        return (samples.clone(), Vec::new());
+    };
+    let same = |other: &JointSamples| {
+        other.aside.change.as_ref().is_some_and(|there| {
+            let ratio = there.size / change.size;
+            there.name == change.name && (SAME..1.0 / SAME).contains(&ratio)
+        })
+    };
+    let Some((file, _)) = others.iter().find(|(_, other)| !same(other)) else {
+        return (samples.clone(), Vec::new());
+    };
+    let refused = Refused {
+        name: change.name,
+        reason: format!("not confirmed: free air after the release of {file} does not show it"),
+        held_out_rms: [f64::NAN, f64::NAN],
+    };
+    (samples.with_change_left_in(), vec![refused])
+}
+
+/// Changes of the tool in two recordings are the same within this factor.
+const SAME: f64 = 0.4;
 
 /// After so many refusals by other recordings the search is not begun anew.
 const MOST_BARRED: usize = 3;

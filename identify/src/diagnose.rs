@@ -21,4 +21,5 @@ mod tidy;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
+pub(crate) use model::slope_of;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose, diagnose_without};

@@ -1,5 +1,6 @@
 //! Candidates for the effort model: each gives regressors on a prepared motion, with the sign physics allows.
 
+pub mod axis;
 pub mod damping;
 pub mod friction;
 pub mod library;

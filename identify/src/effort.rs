@@ -12,9 +12,9 @@ use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::MotionError;
 use crate::noise::acceleration_noise;
-use crate::payload::{Payload, sensor_origin};
-use crate::samples::{JointSamples, opening_sign};
-use crate::screw::{JointKind, PoseSamples, ScrewAxis, angles};
+use crate::payload::{Payload, Since, sensor_origin};
+use crate::samples::{Aside, Change, JointSamples, Lean, opening_sign};
+use crate::screw::{JointKind, PoseSamples, ScrewAxis, angles, perpendiculars};
 use crate::tool::{ToolKinematics, ToolSamples};
 
 /// Root mean squares of the part of the contact wrench that does no work.
@@ -79,6 +79,39 @@ pub fn kinematic_track(tool: &ToolSamples, held: &[Range<usize>], rate_hz: f64) 
     track
 }
 
+/// As [`joint_effort`]; a mass that was put on the tool, or a drift of the sensor, that free air `after` the release shows is
+/// taken out of the effort, and told in the samples.
+///
+/// # Errors
+/// When the poses cannot be filtered.
+pub fn changed_effort(
+    tool: &ToolSamples,
+    kinematics: &ToolKinematics,
+    [held, after]: [&[Range<usize>]; 2],
+    joint: &RefinedJoint,
+    payload: Option<&Payload>,
+    cutoff_hz: f64,
+) -> Result<JointEffort, MotionError> {
+    let effort = |payload| joint_effort(tool, kinematics, held, joint, payload, cutoff_hz);
+    let Some(payload) = payload else {
+        return effort(None);
+    };
+    let (changed, since) = payload.after_release(tool, kinematics, after);
+    let (name, size) = match since {
+        Since::Nothing => return effort(Some(payload)),
+        Since::Mass(mass) => ("tool_mass", mass),
+        Since::Drift(force) => ("sensor_drift", force),
+    };
+    let as_measured = Payload {
+        bias_rate: [0.0; 6],
+        ..payload.clone()
+    };
+    let tau = effort(Some(&as_measured))?.samples.tau;
+    let mut out = effort(Some(&changed))?;
+    out.samples.aside.change = Some(Change { name, size, tau });
+    Ok(out)
+}
+
 /// Projects every held sample onto the joint and takes the effort; `cutoff_hz` is the fit's, for weighing positions against
 /// orientations by what their noise does to the acceleration.
 ///
@@ -122,13 +155,14 @@ pub fn joint_effort(
     let tool_position =
         taken_back.map(|p| p.coords).sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let mut tau = vec![f64::NAN; q.len()];
+    let mut across = Vec::new();
     let mut nonwork = NonWork {
         force_rms_n: f64::NAN,
         moment_rms_nm: f64::NAN,
         contact_rms_n: f64::NAN,
     };
     if let Some(payload) = payload {
-        (tau, nonwork) = work(tool, kinematics, &index, payload, &axis);
+        (tau, across, nonwork) = work(tool, kinematics, &index, payload, &axis);
     }
     let samples = JointSamples {
         kind: axis.kind,
@@ -138,6 +172,11 @@ pub fn joint_effort(
         q,
         tau,
         noise_of_q: coordinate.noise,
+        aside: Aside {
+            across,
+            lean: lean(&axis, tool_position, joint.direction_std),
+            change: None,
+        },
     };
     Ok(JointEffort {
         samples,
@@ -149,15 +188,38 @@ pub fn joint_effort(
     })
 }
 
-/// Effort of each sample, and what does no work.
+/// How far an upright hinge leans; nothing when it may as well be upright.
+fn lean(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<Lean> {
+    let up = axis.direction.into_inner();
+    let angle = up.xy().norm().atan2(up.z.abs());
+    let sure = angle > LEAST_LEAN && angle > 5.0 * std && angle < MOST_LEAN;
+    if axis.kind != JointKind::Revolute || !sure {
+        return None;
+    }
+    let arm = tool_position - axis.point.coords;
+    let arm = (arm - up * up.dot(&arm)).normalize();
+    // Weight about the axis is m g r (cos q (up x arm) - sin q arm), upwards components.
+    Some(Lean {
+        angle,
+        lowest: (-up.cross(&arm).z).atan2(-arm.z),
+    })
+}
+
+/// Hinges are hung as upright as that, and trackers know what is up; beyond the other, weight is no small thing, rad.
+const LEAST_LEAN: f64 = 0.008;
+const MOST_LEAN: f64 = 0.15;
+
+/// Effort of each sample, the forces across the axis, and what does no work.
 fn work(
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
     index: &[usize],
     payload: &Payload,
     axis: &ScrewAxis,
-) -> (Vec<f64>, NonWork) {
+) -> (Vec<f64>, Vec<Vec<f64>>, NonWork) {
     let mut tau = Vec::with_capacity(index.len());
+    let (first, second) = perpendiculars(&axis.direction);
+    let mut sides = vec![Vec::with_capacity(index.len()); 2];
     let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
     for &i in index {
         let [force, torque] = payload
@@ -173,6 +235,9 @@ fn work(
             0.0
         };
         tau.push(turning + along.dot(&force));
+        for (side, direction) in sides.iter_mut().zip([first, second]) {
+            side.push(direction.dot(&force));
+        }
         let unit = along.normalize();
         across.push((force - unit * unit.dot(&force)).norm());
         moments.push((at_tcp - direction * turning).norm());
@@ -183,7 +248,7 @@ fn work(
         moment_rms_nm: rms(&moments),
         contact_rms_n: rms(&contact),
     };
-    (tau, nonwork)
+    (tau, sides, nonwork)
 }
 
 struct Coordinate {
@@ -204,7 +269,7 @@ impl Coordinate {
         let axis = &joint.axis;
         let direction = axis.direction.into_inner();
         if axis.kind == JointKind::Prismatic {
-            let (first, second) = crate::screw::perpendiculars(&axis.direction);
+            let (first, second) = perpendiculars(&axis.direction);
             let across = |e: Vector3<f64>| {
                 path.iter()
                     .map(|p| e.dot(&(p - joint.tool_position)))
@@ -241,7 +306,7 @@ impl Coordinate {
                 acceleration: [Some(from_position), None],
             });
         }
-        let (first, second) = crate::screw::perpendiculars(&axis.direction);
+        let (first, second) = perpendiculars(&axis.direction);
         // Angle of the first position from the joint's origin, so that both angles count from one place.
         let start = path
             .first()

@@ -403,6 +403,7 @@ mod tests {
             q,
             time,
             noise_of_q: Vec::new(),
+            aside: crate::samples::Aside::default(),
         };
         Motion::prepare(&samples, &MotionSettings::default()).unwrap()
     }

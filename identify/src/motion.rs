@@ -108,6 +108,8 @@ pub struct Motion {
     pub q_measured: Vec<f64>,
     /// Series of the position sensor's noise at the work rate; may be empty.
     pub noise_of_q: Vec<Vec<f64>>,
+    /// Force across the joint at the work rate, as [`crate::samples::Aside`] has it; may be empty.
+    pub across: Vec<Vec<f64>>,
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
     /// Indices of the samples used in fits, ascending.
@@ -148,6 +150,7 @@ impl Motion {
             });
         }
         work.noise = vec![Vec::new(); samples.noise_of_q.len()];
+        work.across = vec![Vec::new(); samples.aside.across.len()];
         for run in samples
             .runs
             .iter()
@@ -184,6 +187,7 @@ impl Motion {
             tau: work.tau,
             q_measured: work.q,
             noise_of_q: work.noise,
+            across: work.across,
             kept: Vec::new(),
             gated: BTreeMap::new(),
             slow_speed: 0.0,
@@ -344,6 +348,7 @@ struct Work {
     q: Vec<f64>,
     tau: Vec<f64>,
     noise: Vec<Vec<f64>>,
+    across: Vec<Vec<f64>>,
 }
 
 impl Work {
@@ -364,15 +369,19 @@ impl Work {
         let start = self.time.len();
         let q = reduce(&samples.q[run.clone()])?;
         let tau = reduce(&samples.tau[run.clone()])?;
-        let noise: Vec<Vec<f64>> = samples
-            .noise_of_q
-            .iter()
-            .map(|series| reduce(&series[run.clone()]))
-            .collect::<Result<_, _>>()?;
-        self.time.extend(samples.time[run].iter().step_by(factor));
+        let reduced = |all: &[Vec<f64>]| -> Result<Vec<Vec<f64>>, FilterError> {
+            all.iter()
+                .map(|series| reduce(&series[run.clone()]))
+                .collect()
+        };
+        let noise = reduced(&samples.noise_of_q)?;
+        let across = reduced(&samples.aside.across)?;
+        self.time
+            .extend(samples.time[run.clone()].iter().step_by(factor));
         self.q.extend(q);
         self.tau.extend(tau);
-        for (all, new) in self.noise.iter_mut().zip(noise) {
+        let both = self.noise.iter_mut().chain(&mut self.across);
+        for (all, new) in both.zip(noise.into_iter().chain(across)) {
             all.extend(new);
         }
         self.runs.push(start..self.time.len());

@@ -4,7 +4,7 @@
 //!   the filter.
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
 //!   derivatives and the same filter and are weighed with the inertia, the viscous friction and the slope of the load.
-//!   Where there are none (tables), the position's own content in the upper half of its band, taken as white.
+//!   For hinges also as relative error of the lever. Where there are none (tables), the position's own content in the upper half of its band, taken as white.
 //!
 //! Not covered: slow drift of the force sensor, and anything that both streams share.
 
@@ -13,6 +13,7 @@ use crate::filter::{LowPass, first_derivative, second_derivative};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError};
 use crate::samples::{JointSamples, quantile};
+use crate::screw::JointKind;
 
 /// Root mean square noise of the effort at the fit's samples, in the unit of the effort.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -25,7 +26,8 @@ pub struct NoiseFloor {
     pub position_rms: f64,
 }
 
-/// Estimates the floor of `model` on `motion`, which was prepared from `samples`.
+/// Estimates the floor of `model` on `motion`, which was prepared from `samples`; `slope` = what the model's effects grow by per
+/// unit of the coordinate, at each sample of the motion, none when there are none.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
@@ -33,6 +35,7 @@ pub fn floor(
     samples: &JointSamples,
     motion: &Motion,
     model: &EffortModel,
+    slope: &[f64],
 ) -> Result<NoiseFloor, MotionError> {
     let white = |std: f64, weight: &dyn Fn(f64) -> f64| {
         std * (2.0 * samples.period * band_integral(motion, weight)).sqrt()
@@ -46,12 +49,13 @@ pub fn floor(
             .map_or(0.0, |j| model.theta[j])
     };
     let (inertia, viscous) = (theta("inertia"), theta("viscous"));
-    let slope = load_slope(motion, model);
+    let slope = load_slope(motion, model, slope);
     let position_rms = if motion.noise_of_q.is_empty() {
+        let usual = quantile(&slope.iter().map(|s| s.abs()).collect::<Vec<_>>(), 0.5);
         let q_white = white_noise(samples, &samples.q, 0.25 * samples.rate_hz())?;
         let through = |hz: f64| {
             let w = core::f64::consts::TAU * hz;
-            (inertia * w * w - slope).powi(2) + (viscous * w).powi(2)
+            (inertia * w * w - usual).powi(2) + (viscous * w).powi(2)
         };
         white(q_white, &through)
     } else {
@@ -62,13 +66,16 @@ pub fn floor(
             let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
             let effort: Vec<f64> = (0..series.len())
                 .map(|i| {
-                    inertia * acceleration[i] + viscous * velocity[i] + slope * (series[i] - mean)
+                    inertia * acceleration[i]
+                        + viscous * velocity[i]
+                        + slope[i] * (series[i] - mean)
                 })
                 .collect();
             squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
         }
         squares.sqrt()
     };
+    let position_rms = position_rms.hypot(lever_rms(motion)?);
     Ok(NoiseFloor {
         rms: wrench_rms.hypot(position_rms),
         wrench_rms,
@@ -76,22 +83,35 @@ pub fn floor(
     })
 }
 
-/// Root mean square slope of the load curve over the kept samples; zero without a mechanism. Slow position errors move
-/// the load along with them, so only what the load curve itself bends counts: an upper estimate.
-fn load_slope(motion: &Motion, model: &EffortModel) -> f64 {
-    let Some(mechanism) = &model.mechanism else {
-        return 0.0;
-    };
-    let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
-    let slopes: Vec<f64> = motion
-        .kept
-        .iter()
-        .step_by(5)
-        .map(|&i| {
-            (mechanism.load(motion.q[i] + step) - mechanism.load(motion.q[i] - step)) / (2.0 * step)
-        })
-        .collect();
-    quantile(&slopes.iter().map(|s| s.abs()).collect::<Vec<_>>(), 0.5)
+/// A hinge's effort is a force times a lever, and the lever is read off the same positions.
+fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
+    if motion.kind != JointKind::Revolute {
+        return Ok(0.0);
+    }
+    let mut squares = 0.0;
+    for series in &motion.noise_of_q {
+        let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
+        let both = series.iter().zip(&motion.tau);
+        let effort: Vec<f64> = both.map(|(n, tau)| (n - mean) * tau).collect();
+        squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
+    }
+    Ok(squares.sqrt())
+}
+
+/// Slope of the whole load at each sample: a position that is off by little reads another load. Slow errors of the position
+/// count where the load is steep.
+fn load_slope(motion: &Motion, model: &EffortModel, effects: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; motion.q.len()];
+    if let Some(mechanism) = &model.mechanism {
+        let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
+        for (out, q) in out.iter_mut().zip(&motion.q) {
+            *out = (mechanism.load(q + step) - mechanism.load(q - step)) / (2.0 * step);
+        }
+    }
+    for (out, slope) in out.iter_mut().zip(effects) {
+        *out += slope;
+    }
+    out
 }
 
 /// Standard deviation of the white noise that fills the band above `from_hz`: the median over windows of a quarter second.

@@ -172,6 +172,7 @@ mod tests {
             tau: states.into_iter().map(effort).collect(),
             time,
             noise_of_q: Vec::new(),
+            aside: crate::samples::Aside::default(),
         }
     }
 

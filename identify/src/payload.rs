@@ -90,9 +90,40 @@ pub struct Payload {
     pub bias_rate: [f64; 6],
     /// Root mean square of what free air leaves unexplained below the cut-off: force N, torque N m.
     pub free_air_rms: Option<[f64; 2]>,
+    /// A mass that was put on after the free air, kg, with its first moment in `ft_sensor`, kg m; not in `mass_kg`.
+    pub attached: Option<Attached>,
+}
+
+/// A mass that free air after the release shows and free air before the grasp does not.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Attached {
+    /// kg.
+    pub mass_kg: f64,
+    /// First moment in `ft_sensor`, kg m, without its part along gravity, which a still tool does not show.
+    pub first_moment: [f64; 3],
+}
+
+/// What free air after the release says of a change since the free air before the grasp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Since {
+    /// Nothing, or no more than a sensor usually drifts.
+    Nothing,
+    /// A mass was put on.
+    Mass(f64),
+    /// The bias went away by so much, N.
+    Drift(f64),
 }
 
 const MIN_FREE_AIR_S: f64 = 1.5;
+/// Free air after the release from which a still tool shows what it weighs, s.
+const LEAST_AFTER_S: f64 = 0.4;
+/// A change of the wrench over a recording that is more than a warm sensor's usual drift: N, N m.
+const LEAST_CHANGE_N: f64 = 0.35;
+const LEAST_CHANGE_NM: f64 = 0.025;
+/// What a sensor usually drifts over a recording, N and N m.
+const USUAL_DRIFT: [f64; 2] = [0.15, 0.01];
+/// No mass sits farther from the sensor, m.
+const FARTHEST_M: f64 = 0.4;
 const NEEDED_MASS_STD_KG: f64 = 0.05;
 /// A calibrated bias may have drifted by so much since: N, N m (one standard deviation).
 const DRIFT_SINCE: [f64; 2] = [0.5, 0.02];
@@ -138,6 +169,59 @@ impl Payload {
         Ok(payload)
     }
 
+    /// The payload with what free air after the release shows of a mass that was put on, or of a bias that went away, and which
+    /// of the two it is: a mass weighs downwards, and what it turns is across its weight.
+    #[must_use]
+    pub fn after_release(
+        &self,
+        tool: &ToolSamples,
+        kinematics: &ToolKinematics,
+        after: &[Range<usize>],
+    ) -> (Self, Since) {
+        let mut payload = self.clone();
+        payload.bias_rate = [0.0; 6];
+        let samples: Vec<usize> = after.iter().flat_map(Clone::clone).collect();
+        let Some(seen) = self.bias_at_s else {
+            return (self.clone(), Since::Nothing);
+        };
+        if (samples.len() as f64) * tool.period < LEAST_AFTER_S {
+            return (self.clone(), Since::Nothing);
+        }
+        let mut sums = [Vector3::zeros(); 3];
+        for &i in &samples {
+            let [force, torque] = payload.contact(tool, kinematics, i);
+            for (sum, value) in sums.iter_mut().zip([force, torque, kinematics.specific[i]]) {
+                *sum += value / samples.len() as f64;
+            }
+        }
+        let [force, torque, specific] = sums;
+        let down = specific.normalize();
+        let mass = force.dot(&specific) / specific.norm_squared();
+        let moment = specific.cross(&torque) / specific.norm_squared();
+        let aside = (force - specific * mass).norm();
+        let along = torque.dot(&down).abs();
+        let is_mass = mass * specific.norm() > LEAST_CHANGE_N
+            && aside < f64::max(USUAL_DRIFT[0], 0.15 * force.norm())
+            && along < f64::max(USUAL_DRIFT[1], 0.2 * torque.norm())
+            && moment.norm() < FARTHEST_M * mass;
+        if is_mass {
+            payload.attached = Some(Attached {
+                mass_kg: mass,
+                first_moment: moment.into(),
+            });
+            return (payload, Since::Mass(mass));
+        }
+        if force.norm() < LEAST_CHANGE_N && torque.norm() < LEAST_CHANGE_NM {
+            return (self.clone(), Since::Nothing);
+        }
+        let apart = (mean_time(tool, after) - seen).max(1.0);
+        for k in 0..3 {
+            payload.bias_rate[k] = force[k] / apart;
+            payload.bias_rate[3 + k] = torque[k] / apart;
+        }
+        (payload, Since::Drift(force.norm()))
+    }
+
     /// Wrench that the tool's weight and inertia put on the sensor, without bias.
     #[must_use]
     pub fn wrench(
@@ -178,10 +262,13 @@ impl Payload {
             &kinematics.angular[i],
         );
         let bias = self.bias_at(tool.time[i]);
+        let on = self.attached.map_or([Vector3::zeros(); 2], |attached| {
+            attached.wrench(kinematics, i)
+        });
         let w = &tool.wrench[i];
         [
-            Vector3::new(w[0], w[1], w[2]) - bias[0] - own[0],
-            Vector3::new(w[3], w[4], w[5]) - bias[1] - own[1],
+            Vector3::new(w[0], w[1], w[2]) - bias[0] - own[0] - on[0],
+            Vector3::new(w[3], w[4], w[5]) - bias[1] - own[1] - on[1],
         ]
     }
 
@@ -207,6 +294,7 @@ impl Payload {
             bias_at_s: None,
             bias_rate: [0.0; 6],
             free_air_rms: None,
+            attached: None,
         }
     }
 
@@ -223,6 +311,7 @@ impl Payload {
             bias_at_s: None,
             bias_rate: [0.0; 6],
             free_air_rms: None,
+            attached: None,
         }
     }
 
@@ -252,6 +341,21 @@ impl Payload {
             }
         }
         Ok(())
+    }
+}
+
+impl Attached {
+    /// What it adds to the sensor's reading at sample `i`, as a point mass.
+    fn wrench(&self, kinematics: &ToolKinematics, i: usize) -> [Vector3<f64>; 2] {
+        let (specific, rate, angular) = (
+            &kinematics.specific[i],
+            &kinematics.rate[i],
+            &kinematics.angular[i],
+        );
+        let h = Vector3::from(self.first_moment);
+        let at = h / self.mass_kg;
+        let force = specific * self.mass_kg - angular.cross(&h) - rate.cross(&rate.cross(&h));
+        [force, at.cross(&force)]
     }
 }
 

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
 use crate::analysis::{Analysis, analyse_confirmed};
-use crate::effort::{JointEffort, joint_effort, kinematic_track};
+use crate::effort::{JointEffort, changed_effort, kinematic_track};
 use crate::error::IdentifyError;
 use crate::grasp::{Grasp, GraspSource};
 use crate::joint_graph::{RefinedJoint, refine};
@@ -91,8 +91,11 @@ pub fn identify_confirmed(
     identify_with(&recording, &others, settings, progress)
 }
 
-/// Joint coordinate and effort of a recording, each by its own joint.
-fn joint_samples(
+/// Joint coordinate and effort of the held part of a recording, by its own joint.
+///
+/// # Errors
+/// [`IdentifyError`].
+pub fn joint_samples(
     recording: &Recording,
     settings: &MotionSettings,
 ) -> Result<JointSamples, IdentifyError> {
@@ -102,10 +105,10 @@ fn joint_samples(
     let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
     let joint = refine(&track, &select(&track)?);
     let payload = payload.as_ref().ok();
-    let effort = joint_effort(
+    let effort = changed_effort(
         &tool,
         &kinematics,
-        &grasp.held,
+        [&grasp.held, &grasp.free_after],
         &joint,
         payload,
         settings.cutoff_hz,
@@ -152,10 +155,10 @@ fn identify_with(
             allowed_m: MOST_OFF_PATH_M,
         });
     }
-    let effort = joint_effort(
+    let effort = changed_effort(
         &tool,
         &kinematics,
-        &grasp.held,
+        [&grasp.held, &grasp.free_after],
         &joint,
         payload.as_ref().ok(),
         settings.cutoff_hz,

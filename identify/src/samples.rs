@@ -22,6 +22,40 @@ pub struct JointSamples {
     /// Series that carry the position sensor's noise and nothing else, in the unit of `q` (for a tracker: the residuals
     /// across the motion). Empty when there are none.
     pub noise_of_q: Vec<Vec<f64>>,
+    /// What else the tool knows.
+    pub aside: Aside,
+}
+
+/// What a recording of a tool knows beside coordinate and effort; empty for tables.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Aside {
+    /// Force on the object along the two perpendiculars of the joint's axis that [`crate::screw::perpendiculars`] gives, fixed in
+    /// `world`, N.
+    pub across: Vec<Vec<f64>>,
+    /// How far the axis of a hinge leans from upright, when that is sure.
+    pub lean: Option<Lean>,
+    /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.
+    pub change: Option<Change>,
+}
+
+/// An upright hinge that leans: weight acts on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lean {
+    /// From upright, rad.
+    pub angle: f64,
+    /// The coordinate at which a part whose centre of mass is on the tool's side rests: weight needs `sin(q - lowest)`, rad.
+    pub lowest: f64,
+}
+
+/// A change between the free air before the grasp and after the release.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// `tool_mass` or `sensor_drift`, of the vocabulary of effects.
+    pub name: &'static str,
+    /// kg of mass, or N of force.
+    pub size: f64,
+    /// The effort as it was measured.
+    pub tau: Vec<f64>,
 }
 
 impl JointSamples {
@@ -53,24 +87,42 @@ impl JointSamples {
     #[must_use]
     pub fn with_effort_earlier(&self, lag_s: f64) -> Self {
         let steps = lag_s / self.period;
-        let mut tau = self.tau.clone();
-        for run in &self.runs {
-            let Some(last) = run.len().checked_sub(1) else {
-                continue;
-            };
-            for i in 0..run.len() {
-                let at = (i as f64 + steps).clamp(0.0, last as f64);
-                let low = (at.floor() as usize).min(last.saturating_sub(1));
-                let part = at - low as f64;
-                let high = (low + 1).min(last);
-                tau[run.start + i] =
-                    self.tau[run.start + low] * (1.0 - part) + self.tau[run.start + high] * part;
+        let earlier = |series: &[f64]| {
+            let mut out = series.to_vec();
+            for run in &self.runs {
+                let Some(last) = run.len().checked_sub(1) else {
+                    continue;
+                };
+                for i in 0..run.len() {
+                    let at = (i as f64 + steps).clamp(0.0, last as f64);
+                    let low = (at.floor() as usize).min(last.saturating_sub(1));
+                    let part = at - low as f64;
+                    let high = (low + 1).min(last);
+                    out[run.start + i] =
+                        series[run.start + low] * (1.0 - part) + series[run.start + high] * part;
+                }
             }
+            out
+        };
+        let mut out = self.clone();
+        out.tau = earlier(&self.tau);
+        for series in &mut out.aside.across {
+            *series = earlier(series);
         }
-        Self {
-            tau,
-            ..self.clone()
+        if let Some(change) = &mut out.aside.change {
+            change.tau = earlier(&change.tau);
         }
+        out
+    }
+
+    /// The same with the effort as it was measured, where a change of the tool had been taken out of it.
+    #[must_use]
+    pub fn with_change_left_in(&self) -> Self {
+        let mut out = self.clone();
+        if let Some(change) = out.aside.change.take() {
+            out.tau = change.tau;
+        }
+        out
     }
 
     /// The same joint with the coordinate and the effort reversed.
@@ -78,6 +130,9 @@ impl JointSamples {
     pub fn reversed(mut self) -> Self {
         for value in self.q.iter_mut().chain(&mut self.tau) {
             *value = -*value;
+        }
+        if let Some(change) = &mut self.aside.change {
+            change.tau.iter_mut().for_each(|value| *value = -*value);
         }
         self
     }
@@ -130,6 +185,7 @@ mod tests {
             q: time.clone(),
             tau: time.iter().map(|t| 3.0 * t).collect(),
             noise_of_q: Vec::new(),
+            aside: Aside::default(),
             time,
         }
     }

@@ -190,6 +190,7 @@ fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {
         q: Vec::new(),
         tau: Vec::new(),
         noise_of_q: Vec::new(),
+        aside: crate::samples::Aside::default(),
     };
     let start = rows[0][0];
     let mut from = 0;

@@ -404,6 +404,7 @@ mod tests {
                 .collect(),
             time,
             noise_of_q: Vec::new(),
+            aside: crate::samples::Aside::default(),
         };
         let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
         let axis = ScrewAxis {

@@ -86,6 +86,7 @@ impl Drawer {
             q: q.into_iter().map(|q| q + 6e-5 * draw()).collect(),
             tau: lagged.into_iter().map(|tau| tau + 0.08 * draw()).collect(),
             noise_of_q: Vec::new(),
+            aside: ft_identify::samples::Aside::default(),
         }
     }
 }

@@ -1,15 +1,20 @@
-//! Judgement of an identification that has not seen the truth of its sealed draw, and the table over many draws.
+//! Judgement of an identification that has not seen the truth of its sealed draw, and the tables over many draws.
+
+mod floor;
+mod table;
 
 use core::fmt;
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use ft_identify::analysis::Verdict;
+use ft_identify::pipeline::Identified;
 use ft_identify::report::Report;
-use ft_sim_hw::sealed::SealedTruth;
+use ft_sim_hw::sealed::{SealedEffect, SealedTruth};
+
+pub use floor::simulated_floor;
+pub use table::tables;
 
 /// Effects that move the effort (rms over the recording) by this many noise floors must be named; smaller ones may be.
-const LARGE: f64 = 2.0;
+pub const LARGE: f64 = 2.0;
 
 /// Where the true effects ended up among those that were named and are not the object's own mechanism.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +28,9 @@ pub enum Place {
     /// Nowhere.
     Missed,
 }
+
+/// A name with its ambiguous set.
+pub type Named = (&'static str, Vec<&'static str>);
 
 /// One draw.
 #[derive(Clone, Debug)]
@@ -38,40 +46,40 @@ pub struct Judged {
     /// What the smallest of them moves, in noise floors: the effort, and what inertia, friction and a constant leave of it.
     pub moved: [f64; 2],
     /// Names given, with their ambiguous sets.
-    pub named: Vec<(&'static str, Vec<&'static str>)>,
+    pub named: Vec<Named>,
+    /// The first of them that is not the object's own mechanism.
+    pub first: Option<Named>,
     /// Best place of a true effect.
     pub place: Place,
     /// How many of the true effects are named or in an ambiguous set.
     pub found: usize,
-    /// Names that are neither true nor the object's own mechanism nor ambiguous with the truth.
+    /// Names that are neither true nor the object's own mechanism, nor have either in their ambiguous sets.
     pub wrong: Vec<&'static str>,
+    /// The same without the confirming recording, of draws without any effect.
+    pub wrong_alone: Option<Vec<&'static str>>,
     /// The verdict.
     pub verdict: Verdict,
-    /// Held-out error of the base and of the named model, over the noise floor.
+    /// Noise floor by the data, and by the simulator: N m or N.
+    pub floors: [f64; 2],
+    /// Held-out error of the base and of the named model, N m or N.
     pub errors: [f64; 2],
     /// Seconds that the identification took.
     pub seconds: f64,
 }
 
 impl Judged {
-    /// Compares a report with the truth; `seconds` is what making it took.
+    /// Compares an identification with the truth; `floor` = what the true model would leave, if known, and `seconds` what the
+    /// identification took.
     #[must_use]
-    pub fn of(truth: &SealedTruth, report: &Report, seconds: f64) -> Self {
-        let floor = report.last.noise_floor_rms.unwrap_or(f64::INFINITY);
+    pub fn of(truth: &SealedTruth, found: &Identified, floor: Option<f64>, seconds: f64) -> Self {
+        let report = &found.report;
+        let estimated = report.last.noise_floor_rms.unwrap_or(f64::NAN);
+        let floor = floor.unwrap_or(estimated);
         let expected: Vec<&'static str> = truth.effects.iter().map(|effect| effect.name).collect();
-        let named: Vec<(&'static str, Vec<&'static str>)> = report
-            .effects
-            .iter()
-            .map(|effect| (effect.name, effect.ambiguous_with.clone()))
-            .collect();
-        let holds = |(name, alike): &(&'static str, Vec<&'static str>), of: &&'static str| {
-            name == of || alike.contains(of)
-        };
-        let right = |entry: &&(&'static str, Vec<&'static str>)| {
-            expected.iter().any(|name| holds(entry, name))
-        };
+        let named = names(report);
+        let right = |entry: &&Named| expected.iter().any(|name| holds(entry, name));
         // The object's own mechanism is no false effect, and may well be the stronger one.
-        let others: Vec<_> = named
+        let others: Vec<&Named> = named
             .iter()
             .filter(|entry| right(entry) || !truth.mechanism_effects.contains(&entry.0))
             .collect();
@@ -81,10 +89,9 @@ impl Judged {
             Some(_) => Place::Later,
             None => Place::Missed,
         };
-        let smallest = |of: &dyn Fn(&ft_sim_hw::sealed::SealedEffect) -> f64| {
+        let smallest = |of: &dyn Fn(&SealedEffect) -> f64| {
             truth.effects.iter().map(of).fold(f64::INFINITY, f64::min) / floor
         };
-        let error = |rms: Option<f64>| rms.unwrap_or(f64::NAN) / floor;
         Self {
             seed: truth.seed,
             object: truth.object.clone(),
@@ -93,20 +100,23 @@ impl Judged {
                 smallest(&|effect| effect.alone.main.moved_rms),
                 smallest(&|effect| effect.alone.main.unabsorbed_rms),
             ],
+            first: others.first().map(|entry| (*entry).clone()),
             place,
             found: expected
                 .iter()
                 .filter(|name| named.iter().any(|entry| holds(entry, name)))
                 .count(),
-            wrong: others
-                .iter()
-                .filter(|entry| !right(entry))
-                .map(|entry| entry.0)
-                .collect(),
+            wrong: wrong(truth, &named),
+            wrong_alone: None,
             verdict: report.last.verdict,
+            floors: [estimated, floor],
             errors: [
-                error(report.base.held_out_rms),
-                error(report.last.named.as_ref().map(|model| model.held_out_rms)),
+                report.base.held_out_rms.unwrap_or(f64::NAN),
+                report
+                    .last
+                    .named
+                    .as_ref()
+                    .map_or(f64::NAN, |model| model.held_out_rms),
             ],
             truth: expected,
             named,
@@ -114,24 +124,50 @@ impl Judged {
         }
     }
 
-    /// The row of the table that the draw belongs to.
-    fn group(&self) -> &'static str {
-        match (self.truth.as_slice(), self.in_vocabulary) {
-            ([], _) => "(none)",
-            ([_], false) => "(outside the library)",
-            ([_], true) if self.moved[0] < LARGE => "(small)",
-            ([name], true) => name,
-            _ if self.moved[0] < LARGE => "(two, one small)",
-            _ => "(two)",
-        }
+    /// Adds what an identification without the confirming recording named.
+    #[must_use]
+    pub fn with_alone(mut self, truth: &SealedTruth, report: &Report) -> Self {
+        self.wrong_alone = Some(wrong(truth, &names(report)));
+        self
     }
+
+    /// Error of the named model over the simulator's floor.
+    #[must_use]
+    pub fn after(&self) -> f64 {
+        self.errors[1] / self.floors[1]
+    }
+}
+
+fn holds((name, alike): &Named, of: &str) -> bool {
+    *name == of || alike.contains(&of)
+}
+
+fn names(report: &Report) -> Vec<Named> {
+    report
+        .effects
+        .iter()
+        .map(|effect| (effect.name, effect.ambiguous_with.clone()))
+        .collect()
+}
+
+fn wrong(truth: &SealedTruth, named: &[Named]) -> Vec<&'static str> {
+    let so = |entry: &&Named| {
+        let mut there = truth.effects.iter().map(|effect| effect.name);
+        let mut own = truth.mechanism_effects.iter();
+        there.any(|name| holds(entry, name)) || own.any(|name| holds(entry, name))
+    };
+    named
+        .iter()
+        .filter(|entry| !so(entry))
+        .map(|entry| entry.0)
+        .collect()
 }
 
 impl fmt::Display for Judged {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} {} {:?} ({:.1}, {:.1} floors): {:?}, {:?}, {:.1} -> {:.2} floors, {:.1} s, named",
+            "{} {} {:?} ({:.1}, {:.1} floors): {:?}, {:?}, {:.1} -> {:.2} floors (estimated {:.2}), {:.1} s, named",
             self.seed,
             self.object,
             self.truth,
@@ -139,8 +175,9 @@ impl fmt::Display for Judged {
             self.moved[1],
             self.place,
             self.verdict,
-            self.errors[0],
-            self.errors[1],
+            self.errors[0] / self.floors[1],
+            self.after(),
+            self.floors[0] / self.floors[1],
             self.seconds
         )?;
         for (name, alike) in &self.named {
@@ -149,96 +186,12 @@ impl fmt::Display for Judged {
                 write!(f, "{alike:?}")?;
             }
         }
+        if !self.wrong.is_empty() {
+            write!(f, ", wrong {:?}", self.wrong)?;
+        }
+        if let Some(wrong) = self.wrong_alone.as_ref().filter(|wrong| !wrong.is_empty()) {
+            write!(f, ", wrong without confirmation {wrong:?}")?;
+        }
         Ok(())
     }
-}
-
-#[derive(Default)]
-struct Row {
-    draws: usize,
-    first: usize,
-    among: usize,
-    later: usize,
-    missed: usize,
-    all_found: usize,
-    with_wrong: usize,
-    explained: usize,
-    too_high: usize,
-    before: Vec<f64>,
-    after: Vec<f64>,
-    seconds: Vec<f64>,
-}
-
-impl Row {
-    fn add(&mut self, judged: &Judged) {
-        self.draws += 1;
-        match judged.place {
-            Place::First => self.first += 1,
-            Place::Among => self.among += 1,
-            Place::Later => self.later += 1,
-            Place::Missed => self.missed += 1,
-        }
-        self.all_found += usize::from(judged.found == judged.truth.len());
-        self.with_wrong += usize::from(!judged.wrong.is_empty());
-        let explained = judged.verdict == Verdict::Explained;
-        self.explained += usize::from(explained);
-        self.too_high += usize::from(explained && judged.errors[1] > 1.15);
-        self.before.push(judged.errors[0]);
-        self.after.push(judged.errors[1]);
-        self.seconds.push(judged.seconds);
-    }
-
-    fn write(&self, name: &str, out: &mut String) {
-        let _ = writeln!(
-            out,
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.1} | {:.2} | {:.1} |",
-            self.draws,
-            self.first,
-            self.among,
-            self.later,
-            self.missed,
-            self.all_found,
-            self.with_wrong,
-            self.explained,
-            self.too_high,
-            median(&self.before),
-            median(&self.after),
-            median(&self.seconds)
-        );
-    }
-}
-
-/// The table, by effect and over all that must be named.
-#[must_use]
-pub fn table(judged: &[Judged]) -> String {
-    let mut out = "| effect | draws | first | among look-alikes | later | missed | all found | with a wrong name | explained \
-                   | explained above 1.15 floors | before / floor | after / floor | s |\n\
-                   |---|---|---|---|---|---|---|---|---|---|---|---|---|\n"
-        .to_owned();
-    let mut rows: BTreeMap<&'static str, Row> = BTreeMap::new();
-    let (mut large, mut visible) = (Row::default(), Row::default());
-    for judged in judged {
-        rows.entry(judged.group()).or_default().add(judged);
-        if judged.truth.len() == 1 && judged.in_vocabulary && judged.moved[0] >= LARGE {
-            large.add(judged);
-            if judged.moved[1] >= LARGE {
-                visible.add(judged);
-            }
-        }
-    }
-    for (name, row) in &rows {
-        row.write(name, &mut out);
-    }
-    large.write("one effect, at least 2 floors", &mut out);
-    visible.write(
-        "one effect, 2 floors beyond inertia, friction and a constant",
-        &mut out,
-    );
-    out
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }

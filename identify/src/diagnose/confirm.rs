@@ -3,7 +3,7 @@
 //! Inertia, friction and the object's effects keep the numbers of the first recording; what belongs to a recording (bias,
 //! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
 
-use super::model::{Found, Ground, in_parallel};
+use super::model::{Found, Ground, in_parallel, is_known};
 use super::score::Problem;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::shapes::polished;
@@ -50,21 +50,24 @@ pub fn confirm(
         datums.push(datum(diagnosis, ground)?);
     }
     while at < diagnosis.effects.len() {
-        if diagnosis.effects[at].found.kind.name == "time_lag" {
+        if diagnosis.effects[at].found.taken_out() {
             at += 1;
             continue;
         }
-        let failed =
-            grounds
-                .iter()
-                .zip(&datums)
-                .find_map(|((file, _, ground), datum)| {
-                    match holds(diagnosis, at, ground, *datum) {
-                        Ok(None) => None,
-                        Ok(Some(pair)) => Some(Ok((file, pair))),
-                        Err(error) => Some(Err(error)),
-                    }
-                });
+        let known = is_known(&diagnosis.effects[at].found);
+        let failed = grounds
+            .iter()
+            .zip(&datums)
+            .find_map(|((file, samples, ground), datum)| {
+                if known && samples.aside.lean.is_some() {
+                    return None;
+                }
+                match holds(diagnosis, at, ground, *datum) {
+                    Ok(None) => None,
+                    Ok(Some(pair)) => Some(Ok((file, pair))),
+                    Err(error) => Some(Err(error)),
+                }
+            });
         if let Some(failed) = failed {
             let (file, pair) = failed?;
             let gone = diagnosis.effects.remove(at);
@@ -83,13 +86,21 @@ pub fn confirm(
     diagnosis.refit()?;
     let mut out = Vec::new();
     let all = objects(diagnosis);
-    for (number, ((file, _, ground), datum)) in grounds.iter().zip(datums).enumerate() {
+    for (number, ((file, samples, ground), datum)) in grounds.iter().zip(datums).enumerate() {
         let mut pairs = Vec::new();
         for count in 0..diagnosis.effects.len() {
             if let (Some(pair), "time_lag") =
                 (lags.get(number), diagnosis.effects[count].found.kind.name)
             {
                 pairs.push(*pair);
+                continue;
+            }
+            if diagnosis.effects[count].found.taken_out() {
+                let left_in = with_change(samples, settings)?;
+                pairs.push([
+                    error_on(diagnosis, &all, &left_in, datum)?.0,
+                    error_on(diagnosis, &all, ground, datum)?.0,
+                ]);
                 continue;
             }
             let columns = with_columns(diagnosis, count).unwrap_or_default();
@@ -106,6 +117,11 @@ pub fn confirm(
         });
     }
     Ok(out)
+}
+
+fn with_change(samples: &JointSamples, settings: &MotionSettings) -> Result<Ground, DynamicsError> {
+    let samples = samples.with_change_left_in();
+    Ok(Ground::of(Motion::prepare(&samples, settings)?)?)
 }
 
 type Others<'a> = Vec<(&'a String, &'a JointSamples, Ground)>;
@@ -181,9 +197,7 @@ fn confirm_lag(
 /// The effects with columns.
 fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
     let found = diagnosis.effects.iter().map(|effect| effect.found.clone());
-    found
-        .filter(|found| found.kind.name != "time_lag")
-        .collect()
+    found.filter(|found| !found.taken_out()).collect()
 }
 
 /// The pair of errors when effect `at` does not help there, beside all others.
@@ -214,7 +228,7 @@ fn holds(
 
 /// Place of effect `at` among those with columns.
 fn with_columns(diagnosis: &Diagnosis, at: usize) -> Option<usize> {
-    let is_column = |effect: &NamedEffect| effect.found.kind.name != "time_lag";
+    let is_column = |effect: &NamedEffect| !effect.found.taken_out();
     is_column(diagnosis.effects.get(at)?).then(|| {
         diagnosis.effects[..at]
             .iter()

@@ -35,7 +35,7 @@ pub fn evidence(
     named
         .iter()
         .map(|effect| {
-            if effect.found.kind.name == "time_lag" {
+            if effect.found.taken_out() {
                 return Ok(None);
             }
             let own = own_effort(motion, &effect.found, model.theta.as_slice(), &mut at)?;

@@ -1,7 +1,8 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
-use super::model::{Found, Ground};
-use super::score::solve;
+use super::gates::GIVES;
+use super::model::{Found, Ground, is_known, is_smooth_load};
+use super::score::{Problem, solve};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
@@ -36,12 +37,14 @@ impl State {
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
         }
+        let weight = self.weight()?;
         let mut rest: Vec<(Found, f64, Vec<Ambiguity>)> = self
             .effects
             .drain(..)
             .zip(ambiguous)
             .map(|((found, p), ambiguous)| (found, p, ambiguous))
             .collect();
+        rest.extend(weight.map(|weight| (weight, 0.0, Vec::new())));
         let motion = &self.ground.motion;
         let mut ordered: Vec<Found> = Vec::new();
         let mut effects = Vec::new();
@@ -58,7 +61,7 @@ impl State {
                 break;
             };
             let (found, p_value, ambiguous_with) = rest.remove(best);
-            if errors[best] >= before {
+            if errors[best] >= before && self.ground.curve.is_empty() && !is_known(&found) {
                 self.refused.push(Refused {
                     name: found.kind.name,
                     reason: "it does not lower the error on held-out strokes once signs are kept"
@@ -80,7 +83,7 @@ impl State {
         drop_doubtful(ground, self.floor.rms, &mut effects, &mut self.refused)?;
         let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         let model = fit_found(motion, &ordered)?;
-        let floor = floor_of(&self.samples, motion, &model)?;
+        let floor = floor_of(&self.samples, motion, &model, &ordered)?;
         self.refused
             .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
         if let Some((lag, p_value)) = self.lag {
@@ -100,12 +103,38 @@ impl State {
                 unreachable!("the library has a time lag")
             };
             let effect = NamedEffect {
-                found: self.ground.found(time_lag, Vec::new(), vec![true]),
+                found: self.ground.found(time_lag, Vec::new(), vec![false]),
                 held_out_rms,
                 p_value,
                 ambiguous_with: Vec::new(),
             };
-            effects.push(effect);
+            // A grasp that gives moves tool and object apart in time as well.
+            let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
+            if lag.abs() > LEAST_BESIDE || !effects.iter().any(gives) {
+                effects.push(effect);
+            }
+        }
+        if let Some(change) = &self.samples.aside.change
+            && effects
+                .iter()
+                .all(|effect| effect.found.kind.name != change.name)
+        {
+            let left_in = self.samples.with_change_left_in();
+            let before = fit_found(&Motion::prepare(&left_in, &self.settings)?, &ordered)?;
+            let Some(kind) = kind(change.name) else {
+                unreachable!("the library has the changes of a tool")
+            };
+            effects.push(NamedEffect {
+                found: self.ground.found(
+                    kind,
+                    // A drift's time is not known, and its regressor is not used.
+                    vec![change.size; usize::from(kind.terms.is_empty())],
+                    vec![false; kind.terms.len()],
+                ),
+                held_out_rms: [before.held_out_rms, model.held_out_rms],
+                p_value: 0.0,
+                ambiguous_with: Vec::new(),
+            });
         }
         Ok(Diagnosis {
             effects,
@@ -118,6 +147,27 @@ impl State {
             motion: self.ground.motion,
             samples: self.samples,
         })
+    }
+
+    /// The weight of a part whose axis is seen to lean: no search is needed for it. A spring may hold all of it; what is left to it
+    /// then has no sense, and no column.
+    fn weight(&self) -> Result<Option<Found>, DynamicsError> {
+        let (Some(lean), Some(gravity)) = (self.samples.aside.lean, kind("gravity")) else {
+            return Ok(None);
+        };
+        let mut found = self.found();
+        if found.iter().any(|f| f.kind.name == gravity.name) {
+            return Ok(None);
+        }
+        let own = |used| self.ground.found(gravity, vec![lean.lowest], used);
+        found.push(own(vec![true, false]));
+        let model = fit_found(&self.ground.motion, &found)?;
+        let falls = model
+            .theta
+            .as_slice()
+            .last()
+            .is_some_and(|sine| *sine > 0.0);
+        Ok(Some(own(vec![falls, false])))
     }
 
     /// Effects that would do nearly as well in place of effect `i`.
@@ -154,9 +204,11 @@ impl State {
     /// Causes of a constant effort that are not in the model, but hide in effect `i`: what its columns leave of theirs is
     /// too little to be seen.
     fn hidden_in(&self, i: usize) -> Result<Vec<&'static Kind>, DynamicsError> {
-        let all = self.ground.columns(&self.found())?;
-        let without = self.without(i)?;
-        let base = self.ground.columns(&[])?;
+        let mut others = self.found();
+        let all = self.ground.plain_columns(&others)?;
+        others.remove(i);
+        let without = self.ground.plain_columns(&others)?;
+        let base = self.ground.plain_columns(&[])?;
         let own = |x: &[Vec<f64>], column: &[f64]| {
             let theta = solve(x, column).unwrap_or_default();
             let mut left = column.to_vec();
@@ -186,6 +238,9 @@ impl State {
     }
 }
 
+/// Lag that is named beside a grasp that gives, s; a smaller one is taken out without a name.
+const LEAST_BESIDE: f64 = 3e-3;
+
 /// Share of a column that must stay its own to be seen.
 const HIDDEN: f64 = 0.3;
 
@@ -198,8 +253,7 @@ fn drop_doubtful(
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
     let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-    let after = fit_found(&ground.motion, &all)?.held_out_rms;
-    if after <= EXPLAINED_BELOW * floor {
+    if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
         return Ok(());
     }
     let is_curve = |found: &Found| CURVES.contains(&found.kind.name);
@@ -208,11 +262,13 @@ fn drop_doubtful(
     for (i, effect) in effects.drain(..).enumerate() {
         let mut others = all.clone();
         others.remove(i);
-        let before = fit_found(&ground.motion, &others)?.held_out_rms;
+        let beside_curve = !is_smooth_load(effect.found.kind) && effect.found.kind.name != "catch";
+        let [before, after] = [&others, &all].map(|found| error_of(ground, found, beside_curve));
+        let (before, after) = (before?, after?);
         let share = 1.0 - (after / before).powi(2);
         let curve = is_curve(&effect.found);
         let sure = if curve { SURE_CURVE } else { SURE };
-        if share < sure || curve && curves > 1 {
+        if (share < sure || curve && curves > 1) && !is_known(&effect.found) {
             let name = effect.found.kind.name;
             refused.push(doubt(name, share, [before, after], floor));
         } else {
@@ -229,6 +285,17 @@ fn drop_doubtful(
         before = after;
     }
     Ok(())
+}
+
+/// Held-out error of a model, beside the curve of the search if there is one.
+fn error_of(ground: &Ground, found: &[Found], beside_curve: bool) -> Result<f64, DynamicsError> {
+    if ground.curve.is_empty() || !beside_curve {
+        return Ok(fit_found(&ground.motion, found)?.held_out_rms);
+    }
+    let x = ground.columns(found)?;
+    let efforts = [ground.y.clone()];
+    let outcome = Problem::new(&x, &efforts, &ground.folds).complete(&[]);
+    Ok(outcome.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
 }
 
 fn doubt(name: &'static str, share: f64, held_out_rms: [f64; 2], floor: f64) -> Refused {

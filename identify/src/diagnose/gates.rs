@@ -1,5 +1,6 @@
 //! Which candidate is taken, and why others are not.
 
+use super::model::{Found, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
 use crate::effect::library::Kind;
@@ -10,6 +11,9 @@ pub(super) const LEAST_SIZE: f64 = 0.5;
 const AT_FLOOR: f64 = 1.03;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
+
+/// Grasps that give: by a force, or by a play. One of them is enough to say.
+pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
 
 /// How many of a kind a joint may have: a closer damps its sweep, its latching and its backcheck.
 pub(super) fn most_of(kind: &Kind) -> usize {
@@ -55,6 +59,14 @@ impl State {
         })
     }
 
+    /// Whether a load of one shape passes every gate; a notch or a magnet has to be the best of all.
+    pub(super) fn a_load_is_left(&self, seen: &Look) -> bool {
+        seen.ranked
+            .iter()
+            .filter(|entry| is_smooth_load(entry.kind))
+            .any(|entry| self.why_not(entry, seen).is_none())
+    }
+
     fn why_not(&self, entry: &Ranked, seen: &Look) -> Option<String> {
         let size = (seen.mse - entry.mse).max(0.0).sqrt();
         let floor = self.floor.rms;
@@ -66,6 +78,10 @@ impl State {
             return Some(
                 "it is in the model already, and once more makes no physical sense".to_owned(),
             );
+        }
+        let gives = |found: &Found| GIVES.contains(&found.kind.name);
+        if GIVES.contains(&entry.kind.name) && self.effects.iter().any(|(found, _)| gives(found)) {
+            return Some("its look-alike is in the model already".to_owned());
         }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
@@ -116,7 +132,7 @@ fn refusal(entry: &Ranked, seen: &Look, reason: String) -> Refused {
 }
 
 /// What chance may give: the most of all replicates, or four standard deviations above their mean.
-fn limit(chance: &[f64]) -> f64 {
+pub(super) fn limit(chance: &[f64]) -> f64 {
     let n = chance.len().max(1) as f64;
     let mean = chance.iter().sum::<f64>() / n;
     let spread = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / n).sqrt();

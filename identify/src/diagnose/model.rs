@@ -3,10 +3,12 @@
 use core::num::NonZero;
 
 use super::score::{Folds, solve};
+use crate::effect::axis::FARTHEST;
 use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
 use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
+use crate::spline::Basis;
 
 /// An effect of the library with its shape.
 #[derive(Clone, Debug)]
@@ -27,6 +29,9 @@ impl Found {
     /// The unfiltered regressors of the used terms on a motion.
     #[must_use]
     pub fn series(&self, motion: &Motion) -> Vec<Vec<f64>> {
+        if self.taken_out() {
+            return Vec::new();
+        }
         let mut scope = Scope::of(motion, self.rigid);
         scope.datum = self.datum;
         let all = (self.kind.series)(&scope, &self.shape);
@@ -34,11 +39,58 @@ impl Found {
         used.filter(|(_, used)| **used).map(|(s, _)| s).collect()
     }
 
+    /// Whether it was taken out of the samples and has no regressor: a lag, a mass on the tool, a drift that free air showed.
+    #[must_use]
+    pub fn taken_out(&self) -> bool {
+        self.used.iter().all(|used| !used)
+    }
+
+    /// What its effort grows by per unit of the coordinate at each sample of a motion, with `theta` for the used terms; nothing
+    /// for effects that are no function of the state.
+    #[must_use]
+    pub fn slope(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; motion.q.len()];
+        if self.kind.at.is_none() {
+            return out;
+        }
+        let step = SLOPE_STEP * Scope::of(motion, self.rigid).range();
+        for side in [1.0, -1.0] {
+            let moved = Self {
+                datum: self.datum + side * step,
+                ..self.clone()
+            };
+            for (series, theta) in moved.series(motion).iter().zip(theta) {
+                for (out, value) in out.iter_mut().zip(series) {
+                    *out += side * theta * value / (2.0 * step);
+                }
+            }
+        }
+        out
+    }
+
     /// The used terms.
     pub fn terms(&self) -> impl Iterator<Item = &'static crate::effect::library::TermOf> {
         let terms = self.kind.terms.iter().zip(&self.used);
         terms.filter(|(_, used)| **used).map(|(term, _)| term)
     }
+}
+
+/// Half the way over which a slope is taken, as a share of the range.
+const SLOPE_STEP: f64 = 2e-3;
+
+/// Slope of all of `found`, whose terms stand in `theta` behind inertia and friction.
+pub(crate) fn slope_of(motion: &Motion, found: &[Found], theta: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; motion.q.len()];
+    let mut at = 3;
+    for found in found {
+        let terms = found.terms().count();
+        let own = theta.get(at..at + terms).unwrap_or(&[]);
+        for (out, slope) in out.iter_mut().zip(found.slope(motion, own)) {
+            *out += slope;
+        }
+        at += terms;
+    }
+    out
 }
 
 impl Effect for Found {
@@ -71,7 +123,12 @@ pub(super) struct Ground {
     pub(super) rigid: [f64; 3],
     /// Which of the base columns a search uses: inertia and viscous friction only while their estimates are positive.
     pub(super) active: [bool; 3],
+    /// A load over the coordinate that no effect of the library explains, beside which the search goes on; empty at first.
+    pub(super) curve: Vec<Vec<f64>>,
 }
+
+/// Pieces of the curve: as smooth as springs, struts and weights are, so that notches and magnets are not in it.
+const CURVE_PIECES: usize = 6;
 
 impl Ground {
     pub(super) fn of(motion: Motion) -> Result<Self, MotionError> {
@@ -89,11 +146,36 @@ impl Ground {
             base,
             rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
             active: [true; 3],
+            curve: Vec::new(),
         })
     }
 
-    /// Active columns of the base, and those of `effects`.
+    /// Columns of a smooth load of any shape over the coordinate.
+    pub(super) fn smooth_load(&self) -> Result<Vec<Vec<f64>>, MotionError> {
+        let [low, high] = self.scope().q;
+        let basis = Basis::new(low, high, CURVE_PIECES, 3);
+        let mut series = vec![vec![0.0; self.motion.q.len()]; basis.len()];
+        for (i, q) in self.motion.q.iter().enumerate() {
+            let (first, values) = basis.evaluate(*q);
+            for (series, value) in series[first..].iter_mut().zip(&values[..=basis.degree()]) {
+                series[i] = *value;
+            }
+        }
+        series
+            .iter()
+            .map(|series| self.motion.regressor(series))
+            .collect()
+    }
+
+    /// Active columns of the base, those of `effects`, and the curve.
     pub(super) fn columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
+        let mut out = self.plain_columns(effects)?;
+        out.extend(self.curve.iter().cloned());
+        Ok(out)
+    }
+
+    /// Active columns of the base, and those of `effects`.
+    pub(super) fn plain_columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
         let all = self.all_columns(effects)?;
         let used = |j: usize| self.active.get(j).copied().unwrap_or(true);
         let numbered = all.into_iter().enumerate();
@@ -230,12 +312,40 @@ pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + S
     parts.into_iter().flat_map(|(_, done)| done).collect()
 }
 
+/// Whether it is sure from elsewhere than the effort: weight about an axis that is seen to lean.
+pub(super) fn is_known(found: &Found) -> bool {
+    found.kind.name == "gravity" && found.used.last() == Some(&false)
+}
+
+/// Loads that have one shape: a curve over the coordinate holds them, notches and magnets that have a place it does not.
+pub(super) fn is_smooth_load(kind: &Kind) -> bool {
+    SMOOTH_LOADS.contains(&kind.name)
+}
+
+const SMOOTH_LOADS: [&str; 4] = ["constant_load", "asymmetric_coulomb", "spring", "gravity"];
+
+/// Loads over the coordinate: what a curve over it may stand in for.
+pub(super) fn is_load(kind: &Kind) -> bool {
+    LOADS.contains(&kind.name)
+}
+
+const LOADS: [&str; 6] = [
+    "constant_load",
+    "spring",
+    "gravity",
+    "detent",
+    "catch",
+    "ripple",
+];
+
 /// Whether the estimates keep the signs that physics allows.
 pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
     let terms = kind.terms.iter().zip(used).filter(|(_, used)| **used);
     terms
         .zip(theta)
         .all(|((term, _), value)| match (term.1, term.0) {
+            (Unit::Length, _) => value.abs() < FARTHEST[0],
+            (_, "first_fit" | "second_fit") => value.abs() < FARTHEST[1],
             // What an effect does through the inertia and friction found cannot be a fraction of it.
             (Unit::One, _) => SHARE.contains(value),
             // Oil through an open valve and a gap resists no more than through the gap.

@@ -6,7 +6,6 @@
 //! reversals and of everything that depends on them is in it.
 
 use super::model::{Found, Ground};
-use crate::dynamics::EffortModel;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
@@ -17,17 +16,16 @@ use super::model::in_parallel;
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
 
-/// `count` efforts at the fit's samples as `model` (of base and `effects`) would give them, and the rms of their errors
-/// before it is raised.
+/// `count` efforts at the fit's samples as a model (of base and `effects`: its terms, and the rms that is left beside it) would
+/// give them, and the rms of their errors before it is raised.
 pub(super) fn replicates(
     ground: &Ground,
     effects: &[Found],
-    model: &EffortModel,
+    (theta, left): (&[f64], f64),
     floor: &NoiseFloor,
     settings: &MotionSettings,
     count: usize,
 ) -> Result<(Vec<Vec<f64>>, f64), MotionError> {
-    let theta = model.theta.as_slice();
     let fitted = combine(&ground.all_columns(effects)?, theta);
     let raw = raw_effort(ground, effects, theta);
     let seeds: Vec<u64> = (0..count as u64).collect();
@@ -37,7 +35,7 @@ pub(super) fn replicates(
     let errors: Vec<Vec<f64>> = errors.into_iter().flatten().collect();
     let squares: f64 = errors.iter().map(|error| rms(error).powi(2)).sum();
     let usual = (squares / errors.len().max(1) as f64).sqrt();
-    let raised = (model.rms / usual.max(1e-12)).clamp(1.0, MOST_RAISED);
+    let raised = (left / usual.max(1e-12)).clamp(1.0, MOST_RAISED);
     let efforts = errors
         .iter()
         .map(|error| {
@@ -90,6 +88,7 @@ fn error_of(
         q: motion.q.iter().zip(&noise).map(|(q, n)| q + n).collect(),
         tau: raw.iter().zip(&white).map(|(t, w)| t + level * w).collect(),
         noise_of_q: Vec::new(),
+        aside: crate::samples::Aside::default(),
     };
     let mut seen = Motion::prepare(&noisy, settings)?;
     seen.kept.clone_from(&motion.kept);

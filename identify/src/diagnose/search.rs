@@ -1,9 +1,11 @@
 //! The loop.
 
-use super::model::{Candidate, Found, Ground, bank, blocks};
+use super::gates::limit;
+use super::model::{Candidate, Found, Ground, bank, blocks, slope_of};
 use super::null::replicates;
-use super::scan::{Ranked, look};
+use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
+use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel, fit_columns, fit_parametric};
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
@@ -107,11 +109,11 @@ pub fn diagnose_without(
 }
 
 impl Diagnosis {
-    /// The effects that have regressors: all but a lag, which was taken out of the samples.
+    /// The effects that have regressors: all but those that were taken out of the samples.
     #[must_use]
     pub fn found(&self) -> Vec<Found> {
         let all = self.effects.iter().map(|effect| effect.found.clone());
-        all.filter(|found| found.kind.name != "time_lag").collect()
+        all.filter(|found| !found.taken_out()).collect()
     }
 
     /// Fits the model anew after effects were taken out or the motion changed.
@@ -122,7 +124,7 @@ impl Diagnosis {
         let mut found = Vec::new();
         let mut before = fit_found(&self.motion, &found)?.held_out_rms;
         for effect in &mut self.effects {
-            if effect.found.kind.name == "time_lag" {
+            if effect.found.taken_out() {
                 continue;
             }
             found.push(effect.found.clone());
@@ -131,7 +133,7 @@ impl Diagnosis {
             before = after;
         }
         self.model = fit_found(&self.motion, &found)?;
-        self.floor = floor_of(&self.samples, &self.motion, &self.model)?;
+        self.floor = floor_of(&self.samples, &self.motion, &self.model, &found)?;
         Ok(())
     }
 }
@@ -155,7 +157,7 @@ impl State {
     fn new(samples: JointSamples, settings: MotionSettings) -> Result<Self, DynamicsError> {
         let motion = Motion::prepare(&samples, &settings)?;
         let base = fit_parametric(&motion, &[&RigidBody])?;
-        let floor = floor_of(&samples, &motion, &base)?;
+        let floor = floor_of(&samples, &motion, &base, &[])?;
         let ground = Ground::of(motion)?;
         Ok(Self {
             settings,
@@ -186,14 +188,21 @@ impl State {
     fn step(&mut self) -> Result<bool, DynamicsError> {
         let found = self.found();
         let model = self.fit()?;
-        self.floor = floor_of(&self.samples, &self.ground.motion, &model)?;
+        self.floor = floor_of(&self.samples, &self.ground.motion, &model, &found)?;
         self.ground.active = [model.theta[0] > 0.0, true, model.theta[2] > 0.0];
         let x = self.ground.columns(&found)?;
         let mut efforts = vec![self.ground.y.clone()];
+        let left = if self.ground.curve.is_empty() {
+            model.rms
+        } else {
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let outcome = problem.complete(&[]);
+            outcome.map_or(model.rms, |outcome| outcome.fit.sqrt())
+        };
         let (simulated, level) = replicates(
             &self.ground,
             &found,
-            &model,
+            (model.theta.as_slice(), left),
             &self.floor,
             &self.settings,
             REPLICATES,
@@ -204,7 +213,14 @@ impl State {
         let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
             return Ok(false);
         };
-        let Some((choice, p_value)) = self.choose(&seen) else {
+        let choice = self.choose(&seen);
+        let best = choice.as_ref().map(|(choice, _)| choice);
+        let a_load_is_left = self.a_load_is_left(&seen);
+        let best = best.map_or(0.0, |choice| choice.score);
+        if !a_load_is_left && self.curved(&x, best, &seen)? {
+            return Ok(true);
+        }
+        let Some((choice, p_value)) = choice else {
             return Ok(false);
         };
         if choice.kind.name == "time_lag" {
@@ -216,6 +232,32 @@ impl State {
         self.swap()?;
         self.prune()?;
         Ok(self.effects.len() < MOST_EFFECTS)
+    }
+
+    /// Puts a smooth load beside the model when no load of the library helps and it explains more than the best effect does: the
+    /// search goes on beside it, and what it takes up has no name.
+    fn curved(&mut self, x: &[Vec<f64>], best: f64, seen: &Look) -> Result<bool, DynamicsError> {
+        if !self.ground.curve.is_empty() || seen.mse.sqrt() < EXPLAINED_BELOW * self.floor.rms {
+            return Ok(false);
+        }
+        let curve = self.ground.smooth_load()?;
+        let efforts = [self.ground.y.clone()];
+        let problem = Problem::new(x, &efforts, &self.ground.folds);
+        let columns: Vec<&[f64]> = curve.iter().map(Vec::as_slice).collect();
+        let Some(with) = problem.complete(&columns) else {
+            return Ok(false);
+        };
+        let independent = problem.independent();
+        let price = 0.5 * curve.len() as f64 * independent.ln();
+        let score = 0.5 * independent * (seen.mse / with.mse).ln() - price;
+        if score <= best.max(limit(&seen.chance)) {
+            return Ok(false);
+        }
+        self.ground.curve = curve;
+        self.given_up.clear();
+        self.swap()?;
+        self.prune()?;
+        Ok(true)
     }
 
     /// Shifts the effort by the lag, again until it stays.
@@ -241,7 +283,11 @@ impl State {
     }
 
     pub(super) fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
+        let curved = !self.ground.curve.is_empty();
         self.ground = Ground::of(Motion::prepare(&samples, &self.settings)?)?;
+        if curved {
+            self.ground.curve = self.ground.smooth_load()?;
+        }
         let known: Vec<&str> = self
             .bank
             .iter()
@@ -279,8 +325,10 @@ pub(super) fn floor_of(
     samples: &JointSamples,
     motion: &Motion,
     model: &EffortModel,
+    found: &[Found],
 ) -> Result<NoiseFloor, DynamicsError> {
-    let mut floor = noise::floor(samples, motion, model)?;
+    let slope = slope_of(motion, found, model.theta.as_slice());
+    let mut floor = noise::floor(samples, motion, model, &slope)?;
     let least = LEAST_FLOOR * rms(&motion.regressor(&motion.tau)?);
     floor.rms = floor.rms.max(least);
     floor.wrench_rms = floor.wrench_rms.max(least);

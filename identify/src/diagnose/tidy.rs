@@ -1,7 +1,7 @@
 //! After each effect: shapes of all anew, reliefs, replacements, and what has become superfluous.
 
 use super::gates::{LEAST_SIZE, most_of};
-use super::model::{Found, signs_hold};
+use super::model::{Found, is_load, signs_hold};
 use super::scan::{LEVELS, Look, WORSE, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
@@ -36,10 +36,20 @@ impl State {
     }
 
     fn polish(&mut self) -> Result<(), DynamicsError> {
-        let x = self.ground.columns(&[])?;
-        let better = polished(&self.ground, &x, &self.ground.y, self.found());
-        for ((old, _), new) in self.effects.iter_mut().zip(better) {
-            *old = new;
+        // Beside a curve the loads stay as they were before it.
+        let curved = !self.ground.curve.is_empty();
+        let (fixed, free): (Vec<Found>, Vec<Found>) = self
+            .found()
+            .into_iter()
+            .partition(|found| curved && is_load(found.kind));
+        let x = self.ground.columns(&fixed)?;
+        let mut better = polished(&self.ground, &x, &self.ground.y, free).into_iter();
+        for (old, _) in &mut self.effects {
+            if !(curved && is_load(old.kind))
+                && let Some(new) = better.next()
+            {
+                *old = new;
+            }
         }
         Ok(())
     }
@@ -156,11 +166,15 @@ impl State {
         Ok(alone.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
     }
 
-    /// Columns of the model without effect `i`.
+    /// Columns of the model without effect `i`; a curve is none when the effect is one that it could stand in for.
     pub(super) fn without(&self, i: usize) -> Result<Vec<Vec<f64>>, DynamicsError> {
         let mut rest = self.found();
-        rest.remove(i);
-        Ok(self.ground.columns(&rest)?)
+        let gone = rest.remove(i);
+        Ok(if is_load(gone.kind) {
+            self.ground.plain_columns(&rest)?
+        } else {
+            self.ground.columns(&rest)?
+        })
     }
 
     /// Replaces effects where others now do better in their places.

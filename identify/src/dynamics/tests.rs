@@ -41,6 +41,7 @@ fn record(object: &Object, seconds: f64, noise: [f64; 2], seed: u64) -> JointSam
         q: Vec::new(),
         tau: Vec::new(),
         noise_of_q: vec![Vec::new()],
+        aside: crate::samples::Aside::default(),
     };
     for i in 0..count {
         let [q, dq, ddq] = probing(i as f64 / rate, 1.2);
@@ -108,7 +109,7 @@ fn the_residual_of_a_complete_model_is_the_noise_floor() {
     let samples = record(&PLAIN, 40.0, [6e-5, 0.15], 3);
     let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
     let model = fit_base(&motion).unwrap();
-    let floor = noise::floor(&samples, &motion, &model).unwrap();
+    let floor = noise::floor(&samples, &motion, &model, &[]).unwrap();
     let ratio = model.held_out_rms / floor.rms;
     assert!(
         (0.8..1.25).contains(&ratio),

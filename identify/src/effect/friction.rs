@@ -41,7 +41,7 @@ pub const STRIBECK: Kind = Kind {
 };
 
 /// `tau = extra sgn(dq) exp(-time since leaving rest / 60 ms)`, `extra >= 0`: more friction to break away from rest than to slide.
-/// Seen only in what the gates leave after a rest.
+/// Seen in what the gates leave after a rest.
 pub const STICTION: Kind = Kind {
     name: "stiction",
     belongs: Belongs::Object,

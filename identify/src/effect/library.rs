@@ -9,7 +9,7 @@ use crate::motion::Motion;
 use crate::samples::extrema;
 use crate::screw::JointKind;
 
-use super::{damping, friction, load, measurement, memory, slip};
+use super::{axis, damping, friction, load, measurement, memory, slip};
 
 /// Whether an effect is a property of the object, or of one recording (its constants are then fitted anew).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +57,12 @@ pub enum Unit {
     Speed,
     /// s.
     Time,
+    /// kg.
+    Mass,
+    /// N.
+    Force,
+    /// m.
+    Length,
     /// rad/(N m) or m/N.
     Compliance,
     /// No unit.
@@ -79,6 +85,9 @@ impl Unit {
             Self::Position => kind.position_unit().to_owned(),
             Self::Speed => pick("rad/s", "m/s"),
             Self::Time => "s".to_owned(),
+            Self::Mass => "kg".to_owned(),
+            Self::Force => "N".to_owned(),
+            Self::Length => "m".to_owned(),
             Self::Compliance => pick("rad/(N m)", "m/N"),
             Self::One => "1".to_owned(),
         }
@@ -230,7 +239,7 @@ impl<'a> Scope<'a> {
 }
 
 /// All effects, simple ones before those that contain them.
-pub const LIBRARY: [&Kind; 21] = [
+pub const LIBRARY: [&Kind; 23] = [
     &load::CONSTANT_LOAD,
     &load::SPRING,
     &load::GRAVITY,
@@ -251,6 +260,8 @@ pub const LIBRARY: [&Kind; 21] = [
     &measurement::PAYLOAD_SWITCH,
     &measurement::SENSOR_DRIFT,
     &measurement::GRASP_COMPLIANCE,
+    &measurement::TOOL_MASS,
+    &axis::AXIS_OFFSET,
     &slip::SLIP,
 ];
 

@@ -35,27 +35,28 @@ pub const SPRING: Kind = Kind {
     separate: "slow strokes over the whole range",
 };
 
-/// `tau = sine sin q + cosine cos q`: weight about an axis that is not vertical. Revolute joints.
+/// `tau = sine sin(q - lowest) + cosine cos(q - lowest)`: weight about an axis that is not vertical. Revolute joints. Where the
+/// axis is seen to lean, `lowest` is known and the sine alone is used.
 pub const GRAVITY: Kind = Kind {
     name: "gravity",
     belongs: Belongs::Object,
     terms: &[("sine", Unit::Effort, Free), ("cosine", Unit::Effort, Free)],
-    shape: &[],
+    shape: &[("lowest", Unit::Position, Search::Fixed)],
     variable: Variable::Q,
     grid: |scope| {
         if scope.motion.kind == JointKind::Revolute && scope.range() > 0.3 {
-            vec![vec![]]
+            vec![vec![0.0]]
         } else {
             vec![]
         }
     },
-    series: |scope, _| {
+    series: |scope, shape| {
         vec![
-            scope.by_state(|q, _, _| q.sin()),
-            scope.by_state(|q, _, _| q.cos()),
+            scope.by_state(|q, _, _| (q - shape[0]).sin()),
+            scope.by_state(|q, _, _| (q - shape[0]).cos()),
         ]
     },
-    at: Some(|_, q, _| vec![q.sin(), q.cos()]),
+    at: Some(|shape, q, _| vec![(q - shape[0]).sin(), (q - shape[0]).cos()]),
     separate: "a larger angle, or the direction of gravity against the axis",
 };
 

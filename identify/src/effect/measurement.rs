@@ -76,6 +76,20 @@ pub const SENSOR_DRIFT: Kind = Kind {
     separate: "free air before the grasp and after the release",
 };
 
+/// A mass that was put on the tool after the free air: to a held object it is inertia and weight, so that free air after the
+/// release alone shows it ([`crate::payload::Payload::after_release`]). Taken out of the effort, no regressor.
+pub const TOOL_MASS: Kind = Kind {
+    name: "tool_mass",
+    belongs: Belongs::Recording,
+    terms: &[],
+    shape: &[("mass", Unit::Mass, Search::Fixed)],
+    variable: Variable::Ddq,
+    grid: |_| vec![],
+    series: |_, _| vec![],
+    at: None,
+    separate: "shaking the tool in free air with everything on it that it has in contact",
+};
+
 /// The object stands at `q - compliance tau`: pads and fingers give. One regressor, the difference that this makes with the
 /// inertia and friction found so far; its term should be near 1.
 pub const GRASP_COMPLIANCE: Kind = Kind {

@@ -134,6 +134,7 @@ mod tests {
             q: time.iter().map(|t| 0.2 - 0.2 * (1.3 * t).cos()).collect(),
             tau: time.iter().map(|t| (1.3 * t).cos()).collect(),
             noise_of_q: vec![across],
+            aside: crate::samples::Aside::default(),
             time: time.clone(),
         };
         let found = |across| {

@@ -16,6 +16,7 @@ fn sine(seconds: f64, rate: f64, amplitude: f64) -> JointSamples {
         q,
         time,
         noise_of_q: Vec::new(),
+        aside: crate::samples::Aside::default(),
     }
 }
 
@@ -100,6 +101,7 @@ fn a_still_a_short_and_a_crawling_joint_are_refused() {
     // A tracker drifts by as much; a table of a still joint has as much noise.
     let tracked = JointSamples {
         noise_of_q: vec![vec![0.0; 5000]],
+        aside: crate::samples::Aside::default(),
         ..sine(10.0, 500.0, 1e-4)
     };
     let settings = MotionSettings::default();
@@ -158,6 +160,7 @@ fn a_blow_against_the_stop_is_left_out_with_the_filters_ringing_and_a_gentle_tur
         runs: vec![0..q.len()],
         tau: vec![0.0; q.len()],
         noise_of_q: Vec::new(),
+        aside: crate::samples::Aside::default(),
         q,
         time,
     };

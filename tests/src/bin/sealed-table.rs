@@ -2,12 +2,16 @@
 //! All figures are simulated.
 //!
 //! ```text
-//! cargo run -p ft-tests --bin sealed-table -- [DRAWS] [FIRST_SEED] [--bare] [--two P] [--none P] [--outside P]
+//! cargo run -p ft-tests --bin sealed-table -- [DRAWS] [FIRST_SEED] [-o FILE] [--bare] [--two P] [--none P] [--outside P]
 //!     [--effect NAME]... [--alone] [--keep DIR] [--jobs N]
 //! ```
 //!
+//! A line per draw goes to standard output as it is done; the tables over all draws so far are written to FILE
+//! (`sealed-table.md` when not given) after each, so that they are there whenever the run is ended.
+//!
 //! `--alone` identifies without the confirming recording. `--keep DIR` leaves recordings, truths and reports there and takes
-//! recordings that are there already. The identification is given two recordings; the truth goes to the judge alone.
+//! recordings that are there already. The identification is given two recordings; the truth and a third recording, of
+//! sensors without noise, go to the judge alone. Draws without any effect are identified without confirmation too.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -18,12 +22,11 @@ use std::time::Instant;
 use ft_capture::session::Plan;
 use ft_capture::simulated;
 use ft_identify::motion::MotionSettings;
-use ft_identify::pipeline::identify_confirmed;
-use ft_identify::report::Report;
-use ft_recording::TopicMap;
+use ft_identify::pipeline::{Identified, identify_confirmed, joint_samples};
+use ft_recording::{Recording, TopicMap};
 use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions};
 use ft_sim_hw::{Scenario, Simulation};
-use ft_tests::sealed::{Judged, table};
+use ft_tests::sealed::{Judged, simulated_floor, tables};
 
 struct Options {
     draws: u64,
@@ -31,6 +34,7 @@ struct Options {
     sealed: SealedOptions,
     confirm: bool,
     keep: Option<PathBuf>,
+    tables: PathBuf,
     jobs: usize,
 }
 
@@ -52,11 +56,11 @@ fn main() {
             }
             match one(seed, &options) {
                 Ok(line) => {
-                    eprintln!("{line}");
-                    judged
+                    let mut judged = judged
                         .lock()
-                        .unwrap_or_else(std::sync::PoisonError::into_inner)
-                        .push(line);
+                        .unwrap_or_else(std::sync::PoisonError::into_inner);
+                    judged.push(line);
+                    said(&judged, &options);
                 }
                 Err(reason) => eprintln!("{seed}: {reason}"),
             }
@@ -67,12 +71,28 @@ fn main() {
             scope.spawn(work);
         }
     });
-    let mut judged = judged
+    let judged = judged
         .into_inner()
         .unwrap_or_else(std::sync::PoisonError::into_inner);
-    judged.sort_by_key(|line| line.seed);
-    // A closed pipe ends the table and nothing else.
-    let _ = std::io::stdout().write_all(table(&judged).as_bytes());
+    // A closed pipe ends the tables and nothing else.
+    let _ = std::io::stdout().write_all(tables(&judged).as_bytes());
+}
+
+/// The last draw as a line, and the tables over all.
+fn said(judged: &[Judged], options: &Options) {
+    if let Some(last) = judged.last() {
+        let _ = writeln!(std::io::stdout(), "{last}");
+    }
+    let text = format!(
+        "{} of {} draws from seed {}\n\n{}",
+        judged.len(),
+        options.draws,
+        options.first,
+        tables(judged)
+    );
+    if let Err(error) = std::fs::write(&options.tables, text) {
+        eprintln!("cannot write {}: {error}", options.tables.display());
+    }
 }
 
 impl Options {
@@ -83,6 +103,7 @@ impl Options {
             sealed: SealedOptions::default(),
             confirm: true,
             keep: None,
+            tables: PathBuf::from("sealed-table.md"),
             jobs: std::thread::available_parallelism().map_or(1, usize::from),
         };
         let mut numbers = Vec::new();
@@ -101,6 +122,7 @@ impl Options {
                 "--outside" => out.sealed.outside = parsed(&value()?)?,
                 "--effect" => out.sealed.only.push(value()?),
                 "--keep" => out.keep = Some(PathBuf::from(value()?)),
+                "-o" => out.tables = PathBuf::from(value()?),
                 "--jobs" => out.jobs = parsed(&value()?)?,
                 number => numbers.push(parsed(number)?),
             }
@@ -141,23 +163,42 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     };
     let main = recorded("main.mcap", &draw.main, seed)?;
     let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1)?;
+    let quiet = recorded("quiet.mcap", &without_noise(&draw.main), seed)?;
     #[allow(clippy::disallowed_methods, reason = "a stopwatch")]
     let started = Instant::now();
-    let report = identified(&main, options.confirm.then_some(confirm))?;
+    let found = identified(&main, options.confirm.then_some(confirm))?;
     let seconds = started.elapsed().as_secs_f64();
     if options.keep.is_some() {
         write(&folder.join("truth.json"), &draw.truth)?;
-        write(&folder.join("report.json"), &report)?;
+        write(&folder.join("report.json"), &found.report)?;
     }
-    Ok(Judged::of(&draw.truth, &report, seconds))
+    let settings = MotionSettings::default();
+    let floor = Recording::load(&quiet, &TopicMap::default())
+        .ok()
+        .and_then(|quiet| joint_samples(&quiet, &settings).ok())
+        .and_then(|quiet| simulated_floor(&found, &quiet, &settings));
+    let judged = Judged::of(&draw.truth, &found, floor, seconds);
+    if draw.truth.effects.is_empty() && options.confirm {
+        let alone = identified(&main, None)?;
+        return Ok(judged.with_alone(&draw.truth, &alone.report));
+    }
+    Ok(judged)
+}
+
+fn without_noise(scenario: &Scenario) -> Scenario {
+    let mut quiet = scenario.clone();
+    let (sensor, tracker) = (&mut quiet.sensor, &mut quiet.tracker);
+    (sensor.force_noise_n, sensor.torque_noise_nm) = (0.0, 0.0);
+    (tracker.white_m, tracker.white_deg) = (0.0, 0.0);
+    (tracker.wander_m, tracker.wander_deg) = (0.0, 0.0);
+    quiet
 }
 
 /// What the identification sees: two files.
-fn identified(main: &Path, confirm: Option<PathBuf>) -> Result<Report, String> {
+fn identified(main: &Path, confirm: Option<PathBuf>) -> Result<Identified, String> {
     let (map, settings) = (TopicMap::default(), MotionSettings::default());
     let confirm: Vec<PathBuf> = confirm.into_iter().collect();
     identify_confirmed(main, &confirm, &map, &settings, &mut |_| ())
-        .map(|found| found.report)
         .map_err(|error| format!("not identified: {error}"))
 }
 
