@@ -219,7 +219,7 @@ fn work(
 ) -> (Vec<f64>, Vec<Vec<f64>>, NonWork) {
     let mut tau = Vec::with_capacity(index.len());
     let (first, second) = perpendiculars(&axis.direction);
-    let mut sides = vec![Vec::with_capacity(index.len()); 2];
+    let mut sides = vec![Vec::new(); 2];
     let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
     for &i in index {
         let [force, torque] = payload

@@ -9,6 +9,7 @@
 //! Not covered: slow drift of the force sensor, and anything that both streams share.
 
 use crate::dynamics::EffortModel;
+use crate::effect::slip::jumps;
 use crate::filter::{LowPass, first_derivative, second_derivative};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError};
@@ -71,7 +72,7 @@ pub fn floor(
                         + slope[i] * (series[i] - mean)
                 })
                 .collect();
-            squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
+            squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
         }
         squares.sqrt()
     };
@@ -83,6 +84,26 @@ pub fn floor(
     })
 }
 
+/// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise.
+fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
+    let slid = jumps(motion);
+    let values = motion.regressor(effort)?;
+    let usual: Vec<f64> = motion
+        .kept
+        .iter()
+        .zip(values)
+        .filter(|(i, _)| {
+            slid.iter()
+                .all(|at| (motion.time[**i] - at).abs() > SLIDES_S)
+        })
+        .map(|(_, value)| value)
+        .collect();
+    Ok(rms(&usual).powi(2))
+}
+
+/// Time about a slip within which the pose across the path is no noise, s.
+const SLIDES_S: f64 = 0.4;
+
 /// A hinge's effort is a force times a lever, and the lever is read off the same positions.
 fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     if motion.kind != JointKind::Revolute {
@@ -93,7 +114,7 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
         let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
         let both = series.iter().zip(&motion.tau);
         let effort: Vec<f64> = both.map(|(n, tau)| (n - mean) * tau).collect();
-        squares += rms(&motion.regressor(&effort)?).powi(2) / motion.noise_of_q.len() as f64;
+        squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
     }
     Ok(squares.sqrt())
 }

@@ -1,7 +1,7 @@
 //! The loop.
 
 use super::gates::limit;
-use super::model::{Candidate, Found, Ground, bank, blocks, slope_of};
+use super::model::{Candidate, Found, Ground, bank, blocks, is_smooth_load, slope_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
@@ -234,10 +234,13 @@ impl State {
         Ok(self.effects.len() < MOST_EFFECTS)
     }
 
-    /// Puts a smooth load beside the model when no load of the library helps and it explains more than the best effect does: the
-    /// search goes on beside it, and what it takes up has no name.
+    /// Puts a smooth load beside the model when a load of the library is there, no further one helps, and it explains more than the
+    /// best effect does: a strut beside a weight. The search goes on beside it, and what it takes up has no name.
     fn curved(&mut self, x: &[Vec<f64>], best: f64, seen: &Look) -> Result<bool, DynamicsError> {
-        if !self.ground.curve.is_empty() || seen.mse.sqrt() < EXPLAINED_BELOW * self.floor.rms {
+        let is_there = |found: &Found| is_smooth_load(found.kind) || found.kind.name == "catch";
+        let loaded = self.effects.iter().any(|(found, _)| is_there(found));
+        let left = seen.mse.sqrt() > EXPLAINED_BELOW * self.floor.rms;
+        if !self.ground.curve.is_empty() || !loaded || !left {
             return Ok(false);
         }
         let curve = self.ground.smooth_load()?;

@@ -54,7 +54,7 @@ fn moved(scope: &Scope<'_>, shape: &[f64]) -> Vec<Vec<f64>> {
     let turning = motion.kind == JointKind::Revolute;
     let (first, second) = (&motion.across[0], &motion.across[1]);
     let fit = if turning { FIT_M } else { FIT_RAD };
-    let mut out = vec![Vec::with_capacity(motion.q.len()); 4];
+    let mut out = vec![Vec::new(); 4];
     for i in 0..motion.q.len() {
         let u = ((motion.q[i] + scope.datum - shape[0]) / shape[1]).clamp(0.0, 1.0);
         let (sin, cos) = (PI * u).sin_cos();

@@ -2,6 +2,7 @@
 
 use super::library::{Belongs, Kind, Scope, Search, Unit, Variable};
 use crate::least_squares::Bound::Free;
+use crate::motion::Motion;
 use crate::samples::quantile;
 
 /// At most so many instants.
@@ -37,7 +38,7 @@ pub const SLIP: Kind = Kind {
     ],
     variable: Variable::Time,
     grid: |scope| {
-        let mut at = jumps(scope);
+        let mut at = jumps(scope.motion);
         if at.is_empty() {
             return vec![];
         }
@@ -70,12 +71,11 @@ fn jump(scope: &Scope<'_>, at: f64) -> Vec<f64> {
 }
 
 /// Instants at which the pose across the path jumps, the largest first, s.
-fn jumps(scope: &Scope<'_>) -> Vec<f64> {
-    let motion = scope.motion;
+pub(crate) fn jumps(motion: &Motion) -> Vec<f64> {
     let count = motion.time.len();
     let mut sizes = vec![0.0; count];
     for series in &motion.noise_of_q {
-        let step = differences(scope, series);
+        let step = differences(motion, series);
         let usual: Vec<f64> = step.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
         let usual = quantile(&usual, 0.5).max(1e-12) / 0.6745;
         for (size, step) in sizes.iter_mut().zip(&step) {
@@ -95,8 +95,7 @@ fn jumps(scope: &Scope<'_>) -> Vec<f64> {
 }
 
 /// Mean behind each sample less mean before it; zero near the ends of a run.
-fn differences(scope: &Scope<'_>, series: &[f64]) -> Vec<f64> {
-    let motion = scope.motion;
+fn differences(motion: &Motion, series: &[f64]) -> Vec<f64> {
     let (gap, side) = (
         (APART_S / motion.period) as usize,
         ((SIDE_S / motion.period) as usize).max(1),
@@ -119,7 +118,7 @@ fn differences(scope: &Scope<'_>, series: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{Motion, MotionSettings};
+    use crate::motion::MotionSettings;
     use crate::samples::JointSamples;
     use crate::screw::JointKind;
 
@@ -139,7 +138,7 @@ mod tests {
         };
         let found = |across| {
             let motion = Motion::prepare(&samples(across), &MotionSettings::default()).unwrap();
-            jumps(&Scope::of(&motion, [1.0, 1.0, 1.0]))
+            jumps(&motion)
         };
         assert!(found(time.iter().map(wander).collect()).is_empty());
         let jumped = |t: &f64| wander(t) + if *t > 11.0 { 0.006 } else { 0.0 };
