@@ -6,7 +6,7 @@ use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Refused, confirm, diagnose_without, evidence, slope_of,
 };
 use crate::dynamics::{
-    DynamicsError, EffortModel, Structure, align, fit_base, fit_with_mechanism, structure,
+    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
 };
 use crate::effect::{Effect, RigidBody};
 use crate::lag::Lag;
@@ -54,6 +54,8 @@ pub struct Analysis {
     pub named: EffortModel,
     /// The full model: the named one, and the mechanism fitted on what is left.
     pub full: EffortModel,
+    /// Motion and dynamics fitted together, from the full model on; nothing where that foretells no better.
+    pub jointly: Option<JointFit>,
     /// What was named and what was refused; nothing when nobody looked.
     pub diagnosis: Option<Diagnosis>,
     /// Plots of the named effects, in their order.
@@ -117,7 +119,7 @@ pub fn analyse_confirmed(
     let base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
-    let full = with_mechanism(motion, &diagnosis)?;
+    let (full, jointly) = with_mechanism(motion, &diagnosis)?;
     let slope = slope_of(motion, &diagnosis.found(), full.theta.as_slice());
     let mut floor = noise::floor(samples, motion, &full, &slope)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
@@ -152,6 +154,7 @@ pub fn analyse_confirmed(
         base,
         named,
         full,
+        jointly,
         floor,
         evidence,
         confirmed,
@@ -245,18 +248,27 @@ fn aligned(
 
 /// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the
 /// mechanism stands in `theta` only.
-fn with_mechanism(motion: &Motion, diagnosis: &Diagnosis) -> Result<EffortModel, DynamicsError> {
+fn with_mechanism(
+    motion: &Motion,
+    diagnosis: &Diagnosis,
+) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let found = diagnosis.found();
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let mut model = fit_with_mechanism(motion, &effects)?;
+    let (mut model, mut jointly) = fit_jointly(motion, &effects)?;
     model.terms.truncate(3);
     model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
     let terms = &model.terms;
     model
         .not_identified
         .retain(|name, _| terms.iter().any(|term| term.name == *name));
-    Ok(model)
+    // What the data do not show they do not show here either.
+    for (term, plain) in jointly.iter_mut().flat_map(|fit| &mut fit.terms).zip(terms) {
+        if plain.value.is_none() {
+            (term.value, term.std) = (None, None);
+        }
+    }
+    Ok((model, jointly))
 }
 
 /// Verdict and unexplained share of a model.

@@ -6,9 +6,11 @@
 //! as the paper does, does not.
 
 mod design;
+mod joint;
 mod structure;
 mod valved;
 
+pub use joint::JointFit;
 pub use structure::{Structure, structure};
 
 use std::collections::BTreeMap;
@@ -134,6 +136,26 @@ pub fn fit_with_mechanism(
     motion: &Motion,
     effects: &[&dyn Effect],
 ) -> Result<EffortModel, DynamicsError> {
+    Ok(fit_full(motion, effects, false)?.0)
+}
+
+/// As [`fit_with_mechanism`], and then motion and dynamics together from there; nothing when that foretells held-out strokes
+/// no better.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn fit_jointly(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
+    fit_full(motion, effects, true)
+}
+
+fn fit_full(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+    jointly: bool,
+) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
     let parametric = Design::new(motion, effects, None)?;
     let mut design = parametric.with_surfaces(motion, &mechanism);
@@ -168,6 +190,17 @@ pub fn fit_with_mechanism(
     for (j, variance) in apart.into_iter().enumerate() {
         covariance[(j, j)] += variance;
     }
+    let together = if jointly {
+        let plain = joint::Plain {
+            theta: theta.as_slice(),
+            mechanism: &mechanism,
+            design: &design,
+            smoothing: &smoothing,
+        };
+        joint::fit(motion, effects, &plain)?.filter(|fit| fit.held_out_rms <= held_out_rms)
+    } else {
+        None
+    };
     let damped = design.damping_share(&smoothing) > DAMPED_ABOVE;
     let common = mechanism.take_common_damping();
     if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {
@@ -178,7 +211,7 @@ pub fn fit_with_mechanism(
     if damped {
         model.withdraw_friction();
     }
-    Ok(model)
+    Ok((model, together))
 }
 
 /// Valves must do so much better on held-out strokes than surfaces.
@@ -341,17 +374,10 @@ impl EffortModel {
     /// Adds what a relative standard deviation `lever` of the lever does to inertia and friction: the effort is the force times
     /// the lever, and the angle a path over it.
     pub fn widen_for_lever(&mut self, lever: f64) {
-        for (name, power) in [("inertia", 2.0), ("coulomb", 1.0), ("viscous", 2.0)] {
-            for (i, term) in self
-                .terms
-                .iter_mut()
-                .enumerate()
-                .filter(|(_, term)| term.name == name)
-            {
-                let extra = power * lever * self.theta[i];
-                self.covariance[(i, i)] += extra * extra;
-                term.std = term.std.map(|std| std.hypot(extra));
-            }
+        for (i, term) in self.terms.iter_mut().enumerate() {
+            let extra = lever_power(&term.name) * lever * self.theta[i];
+            self.covariance[(i, i)] += extra * extra;
+            term.std = term.std.map(|std| std.hypot(extra));
         }
     }
 
@@ -372,6 +398,25 @@ impl EffortModel {
             (term.value, term.std) = (None, None);
             self.not_identified.insert(term.name.clone(), reason);
         }
+    }
+}
+
+impl JointFit {
+    /// As [`EffortModel::widen_for_lever`].
+    pub fn widen_for_lever(&mut self, lever: f64) {
+        for term in &mut self.terms {
+            let extra = lever_power(&term.name) * lever * term.value.unwrap_or(0.0);
+            term.std = term.std.map(|std| std.hypot(extra));
+        }
+    }
+}
+
+/// Power of the lever in a parameter.
+fn lever_power(name: &str) -> f64 {
+    match name {
+        "inertia" | "viscous" => 2.0,
+        "coulomb" => 1.0,
+        _ => 0.0,
     }
 }
 

@@ -35,6 +35,12 @@ pub trait Effect: core::fmt::Debug {
     /// # Errors
     /// When a series does not fit the motion.
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError>;
+
+    /// The same before the filter: effort per unit of each parameter at every sample of the motion.
+    ///
+    /// # Errors
+    /// As [`Effect::columns`].
+    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError>;
 }
 
 /// The parametric model of the paper: `I ddq + mu sgn(dq) + b dq`, all three non-negative.
@@ -71,6 +77,14 @@ impl Effect for RigidBody {
             )?,
         ])
     }
+
+    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
+        Ok(vec![
+            motion.ddq.clone(),
+            motion.sign.clone(),
+            motion.dq.clone(),
+        ])
+    }
 }
 
 /// A load that does not depend on the motion: `tau = load`.
@@ -92,5 +106,9 @@ impl Effect for ConstantLoad {
             bound: Bound::Free,
             values,
         }])
+    }
+
+    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
+        Ok(vec![vec![1.0; motion.q.len()]])
     }
 }

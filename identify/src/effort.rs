@@ -154,7 +154,7 @@ pub fn joint_effort(
     let taken_back = path.iter().zip(&q).map(|(p, q)| axis.motion(-q) * p);
     let tool_position =
         taken_back.map(|p| p.coords).sum::<Vector3<f64>>() / path.len().max(1) as f64;
-    let mut tau = vec![f64::NAN; q.len()];
+    let mut tau = [vec![f64::NAN; q.len()], Vec::new()];
     let mut across = Vec::new();
     let mut nonwork = NonWork {
         force_rms_n: f64::NAN,
@@ -164,6 +164,7 @@ pub fn joint_effort(
     if let Some(payload) = payload {
         (tau, across, nonwork) = work(tool, kinematics, &index, payload, &axis);
     }
+    let [tau, own] = tau;
     let samples = JointSamples {
         kind: axis.kind,
         period: tool.period,
@@ -174,6 +175,7 @@ pub fn joint_effort(
         noise_of_q: coordinate.noise,
         aside: Aside {
             across,
+            tool: own,
             lean: lean(&axis, tool_position, joint.direction_std),
             change: None,
         },
@@ -209,35 +211,41 @@ fn lean(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<Lean>
 const LEAST_LEAN: f64 = 0.008;
 const MOST_LEAN: f64 = 0.15;
 
-/// Effort of each sample, the forces across the axis, and what does no work.
+/// Effort of each sample and what was taken off for the tool to get it, the forces across the axis, and what does no work.
 fn work(
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
     index: &[usize],
     payload: &Payload,
     axis: &ScrewAxis,
-) -> (Vec<f64>, Vec<Vec<f64>>, NonWork) {
-    let mut tau = Vec::with_capacity(index.len());
+) -> ([Vec<f64>; 2], Vec<Vec<f64>>, NonWork) {
+    let direction = axis.direction.into_inner();
+    let mut tau = [(); 2].map(|()| Vec::with_capacity(index.len()));
     let (first, second) = perpendiculars(&axis.direction);
     let mut sides = vec![Vec::new(); 2];
     let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
     for &i in index {
-        let [force, torque] = payload
-            .contact(tool, kinematics, i)
-            .map(|v| -(kinematics.rotation[i] * v));
         let tcp = tool.position[i];
-        let at_tcp = torque + (sensor_origin(tool, i) - tcp).cross(&force);
         let along = axis.velocity_at(&tcp);
-        let direction = axis.direction.into_inner();
-        let turning = if axis.kind == JointKind::Revolute {
-            direction.dot(&at_tcp)
-        } else {
-            0.0
+        let arm = sensor_origin(tool, i) - tcp;
+        // Force and torque about the tool's point, on the object, and what of them turns the axis.
+        let on_object = |wrench: [Vector3<f64>; 2]| {
+            let [force, torque] = wrench.map(|v| -(kinematics.rotation[i] * v));
+            let at_tcp = torque + arm.cross(&force);
+            let turning = if axis.kind == JointKind::Revolute {
+                direction.dot(&at_tcp)
+            } else {
+                0.0
+            };
+            (force, at_tcp, turning)
         };
-        tau.push(turning + along.dot(&force));
+        let (force, at_tcp, turning) = on_object(payload.contact(tool, kinematics, i));
+        tau[0].push(turning + along.dot(&force));
         for (side, direction) in sides.iter_mut().zip([first, second]) {
             side.push(direction.dot(&force));
         }
+        let (own, _, own_turning) = on_object(payload.own(kinematics, i));
+        tau[1].push(own_turning + along.dot(&own));
         let unit = along.normalize();
         across.push((force - unit * unit.dot(&force)).norm());
         moments.push((at_tcp - direction * turning).norm());

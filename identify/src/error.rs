@@ -43,6 +43,35 @@ pub enum IdentifyError {
         /// Needed, N.
         needed_n: f64,
     },
+    /// The force-torque sensor was at the end of its range.
+    #[error(
+        "the sensor is saturated: {channel} stays at {value:.1} {unit} for {:.1} % of the time that the object was held (at most {:.1} %); the effort is cut \
+         off there: probe more gently, hold the handle farther from the axis, or set the sensor to a wider range",
+        100.0 * share, 100.0 * allowed
+    )]
+    Saturated {
+        /// `force x` and so on.
+        channel: &'static str,
+        /// Where it stays, N or N m.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// Share of the held time.
+        share: f64,
+        /// Most that is allowed.
+        allowed: f64,
+    },
+    /// The tool's motion is that of no one joint although it was held all the while.
+    #[error(
+        "neither a hinge nor a slide: positions are {rms_m:.3} m root mean square off the best one while the object was held (at most {allowed_m:.3} m); the \
+         tool slid along the handle, the object has more than one joint, or the tracker jumped: grasp firmly and probe one joint at a time"
+    )]
+    NeitherJoint {
+        /// Distance of the positions from the joint's path, m.
+        rms_m: f64,
+        /// Most that a joint may leave, m.
+        allowed_m: f64,
+    },
     /// Free air was marked, a grasp was not.
     #[error(
         "nothing was held: there is a mark `free_air_begin` and no `grasp`; the recording ended before the object was grasped, or the mark is \

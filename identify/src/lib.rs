@@ -34,6 +34,7 @@ pub mod payload;
 pub mod pipeline;
 pub mod report;
 pub mod samples;
+pub mod saturation;
 pub mod screw;
 pub mod simulate;
 pub mod spline;

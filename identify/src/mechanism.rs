@@ -256,7 +256,6 @@ impl SplineMechanism {
     pub fn linearised(&self, motion: &Motion, load: &DMatrix<f64>) -> Linearised {
         let first = self.load.len();
         let total = self.len() - first;
-        let surface = self.damping_coefficients[0].len();
         let bends =
             [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
         let mut entries = SparseColumns::with_capacity(motion.q.len(), 6);
@@ -264,13 +263,9 @@ impl SplineMechanism {
             let closing = dq < 0.0;
             let valve = &self.valves[usize::from(closing)];
             let u = self.proportional(q, dq) * dq.abs();
-            let (slope, sign) = (valve.slope(u), if closing { -1.0 } else { 1.0 });
-            let start = if closing { surface } else { 0 };
-            let damping = self
-                .tensor(q, dq.abs())
-                .map(|(index, value)| (start + index, slope * value * dq));
+            let sign = if closing { -1.0 } else { 1.0 };
             let bends = bends_of(valve, u, sign, bends[usize::from(closing)], total);
-            entries.push(damping.chain(bends));
+            entries.push(self.damping_row(q, dq, u).chain(bends));
         }
         let damping = motion.sparse_regressor(&entries, total + 1);
         let rest = damping.column(total).iter().copied().collect();
@@ -279,6 +274,25 @@ impl SplineMechanism {
             .columns_mut(first, total)
             .copy_from(&damping.columns(0, total));
         Linearised { columns, rest }
+    }
+
+    /// Effort per coefficient of the damping, counted from the first, where the valve is given `u`.
+    fn damping_row(&self, q: f64, dq: f64, u: f64) -> impl Iterator<Item = (usize, f64)> {
+        let closing = usize::from(dq < 0.0);
+        let slope = self.valves[closing].slope(u);
+        let start = closing * self.damping_coefficients[0].len();
+        self.tensor(q, dq.abs())
+            .map(move |(index, value)| (start + index, slope * value * dq))
+    }
+
+    /// Effort per coefficient of load and damping at a state, unfiltered; the valves' bends stay where they are.
+    pub(crate) fn linear_row(&self, q: f64, dq: f64) -> impl Iterator<Item = (usize, f64)> {
+        let (first, values) = self.load.evaluate(q);
+        let load = (first..).zip(values).take(self.load.degree() + 1);
+        let u = self.proportional(q, dq) * dq.abs();
+        let loads = self.load.len();
+        let damping = self.damping_row(q, dq, u);
+        load.chain(damping.map(move |(index, value)| (loads + index, value)))
     }
 
     /// Penalties of roughness of g and of c over q, whose strengths are chosen, and a fixed one that keeps c small and, as a

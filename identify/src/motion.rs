@@ -204,6 +204,22 @@ impl Motion {
         Ok(motion)
     }
 
+    /// The same samples with another coordinate, velocity and acceleration.
+    pub(crate) fn with_states(&self, [q, dq, ddq]: [Vec<f64>; 3]) -> Self {
+        let mut sign = Vec::with_capacity(dq.len());
+        for run in &self.runs {
+            sign.extend(mean_sign(&dq[run.clone()]));
+        }
+        Self {
+            q_measured: q.clone(),
+            q,
+            dq,
+            ddq,
+            sign,
+            ..self.clone()
+        }
+    }
+
     /// A series at the work rate through the fit's filter, run by run.
     ///
     /// # Errors
@@ -272,6 +288,15 @@ impl Motion {
     #[must_use]
     pub fn power_gain(&self, hz: f64) -> f64 {
         self.filter.gain(hz, 1.0 / self.period).powi(4)
+    }
+
+    /// What the fit's filter leaves of noise that is white up to `band_hz`, as a share of its root mean square.
+    #[must_use]
+    pub fn passes_of_white(&self, band_hz: f64) -> f64 {
+        const STEPS: u32 = 1000;
+        let width = band_hz / f64::from(STEPS);
+        let gain = |k: u32| self.power_gain((f64::from(k) + 0.5) * width);
+        ((0..STEPS).map(gain).sum::<f64>() / f64::from(STEPS)).sqrt()
     }
 
     /// Fold of each kept sample for held-out errors, `0..folds`: pairs of strokes (out and back) take turns. With fewer

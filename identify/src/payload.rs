@@ -88,6 +88,8 @@ pub struct Payload {
     pub bias_at_s: Option<f64>,
     /// Rate at which the bias drifts, N/s and N m/s, when free air after the release shows it.
     pub bias_rate: [f64; 6],
+    /// Mass of a calibration that free air contradicts, kg; it was not used then.
+    pub contradicted_kg: Option<f64>,
     /// Root mean square of what free air leaves unexplained below the cut-off: force N, torque N m.
     pub free_air_rms: Option<[f64; 2]>,
     /// A mass that was put on after the free air, kg, with its first moment in `ft_sensor`, kg m; not in `mass_kg`.
@@ -128,6 +130,9 @@ const NEEDED_MASS_STD_KG: f64 = 0.05;
 /// A calibrated bias may have drifted by so much since: N, N m (one standard deviation).
 const DRIFT_SINCE: [f64; 2] = [0.5, 0.02];
 
+/// Standard deviations by which free air and a calibration may disagree about the mass.
+const CONTRADICTS: f64 = 5.0;
+
 impl Payload {
     /// Estimates from the free-air parts `before` the grasp and `after` the release.
     ///
@@ -149,15 +154,29 @@ impl Payload {
             })?;
             return Ok(Self::calibrated(calibration));
         }
+        let weighed = |start: Option<&Self>, of: Self| -> Result<Self, PayloadError> {
+            let mut payload = of;
+            let mut noise = [0.1, 0.005];
+            for _ in 0..4 {
+                let rows = Rows::gather(tool, kinematics, before, &payload)?;
+                (payload, noise) = rows.fit(&payload, start, noise);
+            }
+            Ok(payload)
+        };
         let start = calibration.map(Self::calibrated);
-        let mut payload = start.clone().unwrap_or_else(Self::nothing);
-        let mut noise = [0.1, 0.005];
-        for _ in 0..4 {
-            let rows = Rows::gather(tool, kinematics, before, &payload)?;
-            (payload, noise) = rows.fit(&payload, start.as_ref(), noise);
+        let mut payload = weighed(start.as_ref(), start.clone().unwrap_or_else(Self::nothing))?;
+        if let Some(start) = start {
+            let alone = weighed(None, start.clone())?;
+            let apart = (alone.mass_kg - start.mass_kg).abs();
+            if apart > CONTRADICTS * alone.mass_std_kg.hypot(start.mass_std_kg) {
+                payload = Self {
+                    contradicted_kg: Some(start.mass_kg),
+                    ..alone
+                };
+            }
         }
         payload.bias_at_s = Some(mean_time(tool, before));
-        if calibration.is_none() && payload.mass_std_kg > NEEDED_MASS_STD_KG {
+        if payload.source == PayloadSource::FreeAir && payload.mass_std_kg > NEEDED_MASS_STD_KG {
             return Err(PayloadError::NotExcited {
                 mass_std_kg: payload.mass_std_kg,
                 needed_kg: NEEDED_MASS_STD_KG,
@@ -256,20 +275,27 @@ impl Payload {
         kinematics: &ToolKinematics,
         i: usize,
     ) -> [Vector3<f64>; 2] {
-        let own = self.wrench(
+        let own = self.own(kinematics, i);
+        let bias = self.bias_at(tool.time[i]);
+        let w = &tool.wrench[i];
+        [
+            Vector3::new(w[0], w[1], w[2]) - bias[0] - own[0],
+            Vector3::new(w[3], w[4], w[5]) - bias[1] - own[1],
+        ]
+    }
+
+    /// What the tool and a mass attached to it put on the sensor at sample `i`, without bias.
+    #[must_use]
+    pub fn own(&self, kinematics: &ToolKinematics, i: usize) -> [Vector3<f64>; 2] {
+        let [force, torque] = self.wrench(
             &kinematics.specific[i],
             &kinematics.rate[i],
             &kinematics.angular[i],
         );
-        let bias = self.bias_at(tool.time[i]);
         let on = self.attached.map_or([Vector3::zeros(); 2], |attached| {
             attached.wrench(kinematics, i)
         });
-        let w = &tool.wrench[i];
-        [
-            Vector3::new(w[0], w[1], w[2]) - bias[0] - own[0] - on[0],
-            Vector3::new(w[3], w[4], w[5]) - bias[1] - own[1] - on[1],
-        ]
+        [force + on[0], torque + on[1]]
     }
 
     fn calibrated(calibration: &Calibration) -> Self {
@@ -293,6 +319,7 @@ impl Payload {
             bias_std,
             bias_at_s: None,
             bias_rate: [0.0; 6],
+            contradicted_kg: None,
             free_air_rms: None,
             attached: None,
         }
@@ -310,6 +337,7 @@ impl Payload {
             bias_std: [f64::INFINITY; 6],
             bias_at_s: None,
             bias_rate: [0.0; 6],
+            contradicted_kg: None,
             free_air_rms: None,
             attached: None,
         }

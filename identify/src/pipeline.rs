@@ -14,6 +14,7 @@ use crate::payload::{Payload, PayloadError, PayloadSource};
 use crate::report::effects::TwinEffect;
 use crate::report::{Input, Joint, Report};
 use crate::samples::JointSamples;
+use crate::saturation;
 use crate::screw::{Candidates, JointKind, ScrewAxis, select};
 use crate::tool::{ToolKinematics, ToolSamples};
 use crate::twin::{Provenance, Source, Twin};
@@ -52,6 +53,10 @@ pub struct Identified {
 
 const MIN_HELD_S: f64 = 5.0;
 const MIN_CONTACT_N: f64 = 0.3;
+/// Held by hand the tool also shifts on the handle.
+const MOST_OFF_HELD_PATH_M: f64 = 0.02;
+/// Share of the held time at the end of the sensor's range that a fit survives.
+const MOST_SATURATED: f64 = 0.002;
 /// A tracker wanders by some mm; a tool that also moved freely is farther from any joint's path.
 const MOST_OFF_PATH_M: f64 = 0.01;
 const KINEMATIC_RATE_HZ: f64 = 50.0;
@@ -155,6 +160,16 @@ fn identify_with(
             allowed_m: MOST_OFF_PATH_M,
         });
     }
+    let saturated = saturation::find(&tool.wrench, &grasp.held);
+    if let Some(found) = saturated.filter(|found| found.share() > MOST_SATURATED) {
+        return Err(IdentifyError::Saturated {
+            channel: found.name(),
+            value: found.value,
+            unit: found.unit(),
+            share: found.share(),
+            allowed: MOST_SATURATED,
+        });
+    }
     let effort = changed_effort(
         &tool,
         &kinematics,
@@ -169,8 +184,23 @@ fn identify_with(
             needed_n: MIN_CONTACT_N,
         });
     }
+    if joint.position_rms > MOST_OFF_HELD_PATH_M {
+        return Err(IdentifyError::NeitherJoint {
+            rms_m: joint.position_rms,
+            allowed_m: MOST_OFF_HELD_PATH_M,
+        });
+    }
     progress(Stage::Joint);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
+    if let Some(found) = saturated {
+        report.notes.push(format!(
+            "{} stays at {:.1} {} for {} samples: the sensor was at the end of its range there",
+            found.name(),
+            found.value,
+            found.unit(),
+            found.samples
+        ));
+    }
     let mut analysis = match &payload {
         Ok(_) => Some(analyse_confirmed(&effort.samples, settings, others)?),
         Err(error) => {
@@ -185,9 +215,11 @@ fn identify_with(
     if let (Some(analysis), JointKind::Revolute) = (&mut analysis, joint.axis.kind) {
         // Half of the axis's variance lies along the lever.
         let lever = joint.axis.distance(&joint.tool_position).max(1e-3);
-        analysis
-            .full
-            .widen_for_lever(joint.position_std / core::f64::consts::SQRT_2 / lever);
+        let share = joint.position_std / core::f64::consts::SQRT_2 / lever;
+        analysis.full.widen_for_lever(share);
+        if let Some(fit) = &mut analysis.jointly {
+            fit.widen_for_lever(share);
+        }
     }
     if let Ok(payload) = payload {
         note_payload(&mut report, &payload);
@@ -378,6 +410,13 @@ fn note_payload(report: &mut Report, payload: &Payload) {
             "no free air and no calibrated bias: a constant of the sensor is in the load g(q), and cannot be told from it"
                 .to_owned(),
         );
+    }
+    if let Some(calibrated) = payload.contradicted_kg {
+        report.notes.push(format!(
+            "the calibration says {calibrated:.3} kg in front of the sensor, the free air of this recording {:.3} ± {:.3} kg; free air was believed. Weigh \
+             the tool anew: ft-capture calibrate",
+            payload.mass_kg, payload.mass_std_kg
+        ));
     }
     if payload.bias_rate.iter().any(|rate| *rate != 0.0) {
         report.notes.push(

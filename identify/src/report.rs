@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
-use crate::dynamics::{EffortModel, Structure, Term};
+use crate::dynamics::{EffortModel, JointFit, Structure, Term};
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
 use crate::lag::Lag;
@@ -54,6 +54,8 @@ pub struct Report {
     pub lag: Option<Lag>,
     /// The part of the contact wrench that does no work.
     pub nonwork: Option<NonWork>,
+    /// Motion and dynamics fitted together: a second opinion on I, mu, b that lets the wrench tell of the acceleration.
+    pub joint_fit: Option<JointFit>,
     /// What the paper's own estimator gives for the same samples, when it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper: Option<PaperEstimate>,
@@ -271,6 +273,7 @@ impl Report {
             payload: None,
             lag: None,
             nonwork: None,
+            joint_fit: None,
             paper: None,
         }
     }
@@ -320,6 +323,7 @@ impl Report {
         self.mechanism = summary_of(full);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;
+        self.joint_fit.clone_from(&analysis.jointly);
         self
     }
 

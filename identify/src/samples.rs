@@ -32,6 +32,9 @@ pub struct Aside {
     /// Force on the object along the two perpendiculars of the joint's axis that [`crate::screw::perpendiculars`] gives, fixed in
     /// `world`, N.
     pub across: Vec<Vec<f64>>,
+    /// Effort of the tool's own weight and inertia, which was taken off what the sensor measured to get `tau`: it belongs to the
+    /// time of the poses, not of the wrench. Empty when nothing was taken off.
+    pub tool: Vec<f64>,
     /// How far the axis of a hinge leans from upright, when that is sure.
     pub lean: Option<Lean>,
     /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.
@@ -83,7 +86,8 @@ impl JointSamples {
         extrema(&self.q)
     }
 
-    /// The same motion with the effort read `lag_s` later, for a sensor that reports late by that much.
+    /// The same motion with the measured effort read `lag_s` later, for a sensor that reports late by that much; what was taken off
+    /// for the tool stays where it is.
     #[must_use]
     pub fn with_effort_earlier(&self, lag_s: f64) -> Self {
         let steps = lag_s / self.period;
@@ -104,13 +108,27 @@ impl JointSamples {
             }
             out
         };
+        // What was taken off for the tool stays where it is.
+        let of_sensor = |series: &[f64]| {
+            if self.aside.tool.is_empty() {
+                return earlier(series);
+            }
+            let add = |(a, b): (&f64, &f64)| a + b;
+            let measured: Vec<f64> = series.iter().zip(&self.aside.tool).map(add).collect();
+            let own = self.aside.tool.iter();
+            earlier(&measured)
+                .iter()
+                .zip(own)
+                .map(|(a, b)| a - b)
+                .collect()
+        };
         let mut out = self.clone();
-        out.tau = earlier(&self.tau);
+        out.tau = of_sensor(&self.tau);
         for series in &mut out.aside.across {
             *series = earlier(series);
         }
         if let Some(change) = &mut out.aside.change {
-            change.tau = earlier(&change.tau);
+            change.tau = of_sensor(&change.tau);
         }
         out
     }
@@ -128,7 +146,8 @@ impl JointSamples {
     /// The same joint with the coordinate and the effort reversed.
     #[must_use]
     pub fn reversed(mut self) -> Self {
-        for value in self.q.iter_mut().chain(&mut self.tau) {
+        let tool = &mut self.aside.tool;
+        for value in self.q.iter_mut().chain(&mut self.tau).chain(tool) {
             *value = -*value;
         }
         if let Some(change) = &mut self.aside.change {
@@ -198,6 +217,17 @@ mod tests {
             (moved.tau[39] - 3.0 * 0.39).abs() < 1e-12,
             "a run's last sample stays"
         );
+    }
+
+    #[test]
+    fn what_was_taken_off_for_the_tool_stays_in_its_time() {
+        let mut samples = ramp();
+        samples.aside.tool = samples.time.iter().map(|t| (20.0 * t).sin()).collect();
+        for (tau, tool) in samples.tau.iter_mut().zip(&samples.aside.tool) {
+            *tau -= tool;
+        }
+        let moved = samples.with_effort_earlier(0.025);
+        assert!((moved.tau[10] - (3.0 * 0.125 - samples.aside.tool[10])).abs() < 1e-12);
     }
 
     #[test]

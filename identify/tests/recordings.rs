@@ -153,6 +153,26 @@ fn a_drift_between_two_free_air_parts_is_taken_off() {
 }
 
 #[test]
+fn free_air_that_contradicts_the_calibration_is_believed() {
+    let mut recording = Scene::door().record();
+    let mut wrong = calibration();
+    wrong.payload_mass_kg.value += 0.15;
+    recording.calibration = Some(wrong);
+    let found = identify(&recording).unwrap();
+    let payload = found.report.payload.as_ref().unwrap();
+    assert!((payload.mass_kg - MASS).abs() < 0.005, "{payload:?}");
+    assert!((payload.contradicted_kg.unwrap() - MASS - 0.15).abs() < 1e-9);
+    let notes = &found.report.notes;
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.contains("free air was believed"))
+    );
+    let right = identify(&Scene::door().record()).unwrap().report;
+    assert_eq!(right.payload.unwrap().contradicted_kg, None);
+}
+
+#[test]
 fn without_marks_a_calibrated_tool_finds_the_grasp_by_itself() {
     let mut recording = Scene {
         free_after_s: 3.0,
@@ -315,6 +335,27 @@ fn each_refusal_says_what_and_what_to_do() {
     .unwrap_err();
     assert!(
         matches!(error, IdentifyError::Select(SelectError::NeverMoves { .. })),
+        "{error}"
+    );
+    let error = refused(&|r| {
+        let most = r
+            .wrench
+            .iter()
+            .map(|s| s.value[1].abs())
+            .fold(0.0, f64::max);
+        for sample in &mut r.wrench {
+            sample.value[1] = sample.value[1].clamp(-0.6 * most, 0.6 * most);
+        }
+    });
+    assert!(matches!(error, IdentifyError::Saturated { .. }), "{error}");
+    let error = refused(&|r| {
+        for sample in &mut r.pose.samples {
+            let t = sample.at.seconds_since(synthetic::at(0.0));
+            sample.value.position[2] += 0.1 * (0.9 * t).sin();
+        }
+    });
+    assert!(
+        matches!(error, IdentifyError::NeitherJoint { .. }),
         "{error}"
     );
     let nothing = Scene {

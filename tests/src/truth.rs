@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ft_capture::session::Plan;
 use ft_capture::simulated;
+use ft_identify::dynamics::Term;
 use ft_identify::motion::{Motion, MotionSettings};
 use ft_identify::paper::PaperSettings;
 use ft_identify::pipeline::{Identified, identify_recording};
@@ -30,18 +31,39 @@ pub fn record(scenario: &str, seed: u64, file: &Path) -> Truth {
 /// It cannot be played, or the recording cannot be written.
 #[must_use]
 pub fn record_scenario(scenario: &Scenario, seed: u64, file: &Path) -> Truth {
-    let played = scenario;
+    record_trial(&Trial::plain(scenario.clone()), seed, file)
+}
+
+/// A scenario, and what its operator has wrong.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// The scenario.
+    pub scenario: Scenario,
+    /// What the calibration says too much of the mass in front of the sensor, kg.
+    pub calibration_off_kg: f64,
+}
+
+impl Trial {
+    /// Nothing wrong.
+    #[must_use]
+    pub fn plain(scenario: Scenario) -> Self {
+        Self {
+            scenario,
+            calibration_off_kg: 0.0,
+        }
+    }
+}
+
+fn record_trial(trial: &Trial, seed: u64, file: &Path) -> Truth {
+    let played = &trial.scenario;
     let scenario = &played.name;
     let mut simulation = Simulation::new(played, seed, simulated::START, None)
         .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
-    let config = simulated::config(
-        "study",
-        simulation.fitted(),
-        &simulation.known_setup(),
-        port,
-    )
-    .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let mut known = simulation.known_setup();
+    known.payload.mass_kg += trial.calibration_off_kg;
+    let config = simulated::config("study", simulation.fitted(), &known, port)
+        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let plan = Plan {
         config,
         record: Some(file.to_owned()),
@@ -102,6 +124,16 @@ pub struct Comparison {
     pub verdict: String,
     /// The paper's estimator on the same samples: (estimate - truth) / truth of inertia, Coulomb and viscous friction.
     pub paper: [Option<f64>; 3],
+    /// The same of inertia with a smoother of 255 ms.
+    pub paper_long: Option<f64>,
+    /// Whether the report warns of a lag, of a mass or of a calibration.
+    pub flagged: bool,
+    /// The joint fit of motion and dynamics: relative errors of inertia, Coulomb and viscous friction.
+    pub joint_relative: [Option<f64>; 3],
+    /// The same in standard deviations that the report states.
+    pub joint_sigmas: [Option<f64>; 3],
+    /// Held-out RMS of the joint fit.
+    pub joint_held_out: f64,
     /// Share of the paper's base model's residual that the full model takes away, on held-out strokes.
     pub reduction: f64,
 }
@@ -123,15 +155,16 @@ pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Compari
         ("coulomb", truth.object.coulomb),
         ("viscous", truth.object.viscous),
     ];
-    let term = |(name, true_value): (&str, f64)| {
-        let term = report.term(name)?;
+    let compared = |term: &Term, true_value: f64| {
         let (value, std) = (term.value?, term.std?);
         Some((
             (value - true_value) / true_value,
             (value - true_value) / std,
         ))
     };
-    let terms = wanted.map(term);
+    let terms = wanted.map(|(name, truth)| compared(report.term(name)?, truth));
+    let fitted = report.joint_fit.as_ref();
+    let jointly = [0, 1, 2].map(|j| compared(&fitted?.terms[j], wanted[j].1));
     let kind = identified.axis.as_ref().map(|axis| axis.kind);
     Comparison {
         scenario: scenario.to_owned(),
@@ -147,7 +180,20 @@ pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Compari
         floor_estimated: finals.noise_floor_rms.unwrap_or(f64::NAN),
         floor_true: true_floor(&identified, truth),
         verdict: format!("{:?}", finals.verdict).to_lowercase(),
-        paper: paper(&identified, wanted.map(|(_, value)| value)),
+        paper: paper(&identified, wanted.map(|(_, value)| value), 0.155),
+        paper_long: paper(&identified, wanted.map(|(_, value)| value), 0.255)[0],
+        flagged: report.lag.is_some_and(|lag| lag.applied)
+            || report
+                .payload
+                .as_ref()
+                .is_some_and(|payload| payload.contradicted_kg.is_some())
+            || report
+                .effects
+                .iter()
+                .any(|effect| effect.name == "tool_mass"),
+        joint_relative: jointly.map(|term| term.map(|(relative, _)| relative)),
+        joint_sigmas: jointly.map(|term| term.map(|(_, sigmas)| sigmas)),
+        joint_held_out: fitted.map_or(f64::NAN, |fit| fit.held_out_rms),
         reduction: match (report.base.held_out_rms, finals.held_out_rms) {
             (Some(base), Some(full)) => 1.0 - full / base,
             _ => f64::NAN,
@@ -156,8 +202,9 @@ pub fn compare(scenario: &str, seed: u64, file: &Path, truth: &Truth) -> Compari
 }
 
 /// Relative errors of the paper's estimator, without its network, which does not change them.
-fn paper(identified: &Identified, truth: [f64; 3]) -> [Option<f64>; 3] {
+fn paper(identified: &Identified, truth: [f64; 3], window_s: f64) -> [Option<f64>; 3] {
     let settings = PaperSettings {
+        window_s,
         training: None,
         ..PaperSettings::default()
     };
@@ -226,26 +273,24 @@ pub fn study(
     seeds: std::ops::Range<u64>,
     done: impl Fn(&Comparison) + Sync,
 ) -> Vec<Comparison> {
-    let scenarios: Vec<Scenario> = scenarios
-        .iter()
-        .map(|name| Scenario::load(name).unwrap_or_else(|error| panic!("{name}: {error}")))
-        .collect();
-    study_of(&scenarios, seeds, done)
+    let load = |name: &&str| Scenario::load(name).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let trials: Vec<Trial> = scenarios.iter().map(load).map(Trial::plain).collect();
+    study_of(&trials, seeds, done)
 }
 
-/// As [`study`], of any scenarios.
+/// As [`study`], of any trials.
 ///
 /// # Panics
 /// As [`study`].
 #[must_use]
 pub fn study_of(
-    scenarios: &[Scenario],
+    trials: &[Trial],
     seeds: std::ops::Range<u64>,
     done: impl Fn(&Comparison) + Sync,
 ) -> Vec<Comparison> {
-    let jobs: Vec<_> = scenarios
+    let jobs: Vec<_> = trials
         .iter()
-        .flat_map(|scenario| seeds.clone().map(move |seed| (scenario, seed)))
+        .flat_map(|trial| seeds.clone().map(move |seed| (trial, seed)))
         .collect();
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
@@ -256,9 +301,9 @@ pub fn study_of(
             let (jobs, next, results, done, folder) = (&jobs, &next, &results, &done, &folder);
             scope.spawn(move || {
                 let file = folder.path().join(format!("{worker}.mcap"));
-                while let Some((scenario, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let truth = record_scenario(scenario, *seed, &file);
-                    let comparison = compare(&scenario.name, *seed, &file, &truth);
+                while let Some((trial, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let truth = record_trial(trial, *seed, &file);
+                    let comparison = compare(&trial.scenario.name, *seed, &file, &truth);
                     done(&comparison);
                     if let Ok(mut results) = results.lock() {
                         results.push(comparison);
@@ -270,7 +315,7 @@ pub fn study_of(
     let mut results = results.into_inner().unwrap_or_default();
     results.sort_by_key(|one| {
         (
-            scenarios.iter().position(|s| s.name == one.scenario),
+            trials.iter().position(|t| t.scenario.name == one.scenario),
             one.seed,
         )
     });

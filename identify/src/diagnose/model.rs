@@ -112,6 +112,10 @@ impl Effect for Found {
             })
             .collect()
     }
+
+    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
+        Ok(Self::series(self, motion))
+    }
 }
 
 /// A motion with its effort at the fit's samples.

@@ -33,6 +33,10 @@ pub(super) struct Design {
 /// A coefficient of the damping is let in when it moves the effort by more than so many standard deviations of its own.
 const DAMPING_EVIDENCE: f64 = 0.8;
 
+/// Share of the square of a shift that counts as variance. Simulated (the study's objects, seeds 2001 to 2006), 95 % intervals
+/// of I, mu and b then hold the truth in 99, 94 and 95 % of the recordings; without it in 92, 91 and 92 %.
+const APART: f64 = 0.25;
+
 /// Relative smoothing of load and damping that the search tries.
 const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
@@ -255,8 +259,8 @@ impl Design {
         (solution, covariance)
     }
 
-    /// Variance of each parameter for what `left_out` samples say otherwise than the rest: half the square of the shift without
-    /// them, as far as it exceeds what `covariance` lets one expect.
+    /// Variance of each parameter for what `left_out` samples say otherwise than the rest: a share of the square of the shift
+    /// without them, as far as it exceeds what `covariance` lets one expect.
     pub(super) fn disagreement(
         &self,
         left_out: &[usize],
@@ -281,13 +285,13 @@ impl Design {
             .map(|j| {
                 let grown = inverse_without[(j, j)] / inverse_with[(j, j)].max(1e-300) - 1.0;
                 let expected = covariance[(j, j)] * grown.max(0.0);
-                0.5 * ((without[j] - with[j]).powi(2) - expected).max(0.0)
+                APART * ((without[j] - with[j]).powi(2) - expected).max(0.0)
             })
             .collect()
     }
 
-    /// By how much the scatter of what blocks of about a second ask for exceeds `covariance`, per parameter; at least 1. It
-    /// sees residuals that are large just where a regressor is, which their autocorrelation alone does not tell.
+    /// Scatter of what blocks of about a second ask for over `covariance`, per parameter. It sees residuals that are large, or
+    /// that stay on one side, just where a regressor is, which their autocorrelation alone does not tell.
     fn block_ratio(
         &self,
         inverse: &DMatrix<f64>,
@@ -313,11 +317,7 @@ impl Design {
         }
         let few = blocks as f64 / (blocks as f64 - self.params as f64).max(1.0);
         (0..self.params)
-            .map(|i| {
-                (squares[i] * few / covariance[(i, i)].max(1e-300))
-                    .sqrt()
-                    .max(1.0)
-            })
+            .map(|i| (squares[i] * few / covariance[(i, i)].max(1e-300)).sqrt())
             .collect()
     }
 

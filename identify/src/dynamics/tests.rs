@@ -335,3 +335,24 @@ fn an_unsure_lever_widens_inertia_twice_as_much_as_friction() {
         assert_eq!(unsure.value(name), sure.value(name));
     }
 }
+
+#[test]
+fn the_wrench_tells_of_a_heavy_objects_acceleration() {
+    let heavy = Object {
+        inertia: 25.0,
+        ..CLOSER
+    };
+    // A tracker whose noise, as acceleration of 25 kg m^2, is far above that of the wrench.
+    let samples = record(&heavy, 40.0, [2e-4, 0.05], 3);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let (plain, together) = fit_jointly(&motion, &[&RigidBody]).unwrap();
+    let together = together.unwrap();
+    assert!(
+        together.held_out_rms < 0.8 * plain.held_out_rms,
+        "{} {}",
+        together.held_out_rms,
+        plain.held_out_rms
+    );
+    let inertia = together.terms[0].value.unwrap();
+    assert!((inertia / 25.0 - 1.0).abs() < 0.01, "{inertia}");
+}

@@ -65,6 +65,19 @@ impl Report {
                 100.0 * self.last.relative_error.unwrap_or(f64::NAN)
             );
         }
+        if let Some(joint) = &self.joint_fit {
+            let terms = joint.terms.iter().filter_map(|term| {
+                let (value, std) = (term.value?, term.std?);
+                Some(format!("{} {value:.3} ± {std:.3} {}", term.name, term.unit))
+            });
+            let terms: Vec<String> = terms.collect();
+            let _ = writeln!(
+                out,
+                "jointly    {}; error {:.3} {unit} on held-out strokes, whose motion the wrench informs",
+                terms.join(", "),
+                joint.held_out_rms
+            );
+        }
         if let Some(paper) = &self.paper {
             let terms = paper.terms.iter().map(|term| {
                 let value = term.value.unwrap_or(f64::NAN);

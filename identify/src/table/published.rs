@@ -127,6 +127,7 @@ pub fn identify_published(
         base,
         named: full.clone(),
         full,
+        jointly: None,
         diagnosis: None,
         evidence: Vec::new(),
         confirmed: Vec::new(),

@@ -118,6 +118,14 @@ impl Scene {
         self.moved(q) * Self::grasp_pose() * Isometry3::new(shift, turn)
     }
 
+    /// Where the sensor sits.
+    pub fn tcp_from_sensor() -> Isometry3<f64> {
+        Isometry3::new(
+            Vector3::new(0.01, -0.02, -0.12),
+            Vector3::new(0.0, 0.3, 0.8),
+        )
+    }
+
     /// Joint coordinate while held: strokes that grow faster.
     pub fn q(&self, t: f64) -> f64 {
         let t = (t - GRASP_S).clamp(0.0, self.probing_s);
@@ -128,10 +136,7 @@ impl Scene {
     pub fn record(&self) -> Recording {
         let mut noise = Noise::new(self.seed);
         let end = self.release_s() + self.free_after_s;
-        let tcp_from_sensor = Isometry3::new(
-            Vector3::new(0.01, -0.02, -0.12),
-            Vector3::new(0.0, 0.3, 0.8),
-        );
+        let tcp_from_sensor = Self::tcp_from_sensor();
         let device_from_tcp =
             Isometry3::new(Vector3::new(0.05, -0.12, 0.2), Vector3::new(0.5, 0.1, -0.2));
         let wrench = (0..(800.0 * end) as usize)

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ft_tests::study::{inertia_plot, markdown, objects};
-use ft_tests::truth::study_of;
+use ft_tests::truth::{Trial, study_of};
 
 fn main() -> std::io::Result<()> {
     let (mut numbers, mut names) = (Vec::new(), Vec::new());
@@ -35,7 +35,8 @@ fn main() -> std::io::Result<()> {
     objects.retain(|object| names.is_empty() || names.contains(&object.name));
     let total = objects.len() * seeds as usize;
     let done = AtomicUsize::new(0);
-    let results = study_of(&objects, first..first + seeds, |one| {
+    let trials: Vec<Trial> = objects.iter().cloned().map(Trial::plain).collect();
+    let results = study_of(&trials, first..first + seeds, |one| {
         let percent =
             |v: Option<f64>| v.map_or("null".to_owned(), |v| format!("{:+.1}%", 100.0 * v));
         let sigmas = |v: Option<f64>| v.map_or(String::new(), |v| format!("({v:+.1}s)"));

@@ -1,0 +1,539 @@
+//! Motion and dynamics fitted together, so that the wrench tells of the acceleration too.
+//!
+//! On a heavy object the tracker's noise, differentiated twice and multiplied by the inertia, is far above the wrench's: plain
+//! differentiation takes it as it comes. Here the motion is a curve of quintic B-splines, and one fit finds the curve and the
+//! parameters that are likeliest for both sensors:
+//!
+//! ```text
+//! (q measured - q(t)) whitened by the tracker's own noise,   (tau - model(q, dq, ddq)) / effort's noise   -> least squares
+//! ```
+//!
+//! Gauss and Newton's steps; each is a band (the curve) with a border (the parameters). The effort's noise is what makes both
+//! series likeliest (marginal likelihood, the curve integrated out). Effort counts where the joint slides, away from
+//! reversals: there sticking makes kinks that neither the curve nor the model has.
+//!
+//! The smoothness of the mechanism is that of the plain fit. Which parts of its damping are there is taken from it too.
+
+mod arrow;
+mod colour;
+mod curve;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::Term;
+use super::design::Design;
+use crate::effect::Effect;
+use crate::filter::LowPass;
+use crate::least_squares::{Bound, bounded_quadratic, covariance_of_free, rms};
+use crate::mechanism::{Mechanism, SplineMechanism};
+use crate::motion::{Motion, MotionError};
+use crate::samples::quantile;
+use arrow::{Arrow, Eliminated};
+use colour::Colour;
+use curve::{Curve, LOCAL, Weights};
+
+/// Distance of the curve's knots, s: it follows a hand's motion up to about 15 Hz.
+const KNOTS_S: f64 = 0.03;
+/// Time about a reversal in which the effort does not count, s.
+const REVERSAL_S: f64 = 0.06;
+/// Gauss and Newton's steps, at most.
+const STEPS: usize = 8;
+/// Place of viscous friction among the parameters.
+const VISCOUS: usize = 2;
+/// Effort noise that is tried, over the sensor's.
+const NOISES: [f64; 9] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 16.0, 32.0];
+
+/// What the joint fit gives.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct JointFit {
+    /// Inertia, Coulomb and viscous friction, in the order and units of the plain fit.
+    pub terms: Vec<Term>,
+    /// Standard deviation of an effort sample at the work rate, N m or N.
+    pub effort_noise: f64,
+    /// Root mean square residual of the effort along the fitted motion, filtered and sampled as in the plain fit.
+    pub rms: f64,
+    /// The same on strokes whose effort had no part in the parameters. Their motion is known by it all the same.
+    pub held_out_rms: f64,
+}
+
+/// Where the plain fit ended.
+pub(super) struct Plain<'a> {
+    /// Parameters of the effects, in the order of their columns.
+    pub(super) theta: &'a [f64],
+    /// The mechanism.
+    pub(super) mechanism: &'a SplineMechanism,
+    /// The design that it was solved with.
+    pub(super) design: &'a Design,
+    /// Smoothing of load and damping.
+    pub(super) smoothing: &'a [f64; 2],
+}
+
+/// Fits motion and dynamics together from where the plain fit ended; nothing when the equations are singular.
+///
+/// # Errors
+/// When a series does not fit the motion.
+pub(super) fn fit(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+    plain: &Plain<'_>,
+) -> Result<Option<JointFit>, MotionError> {
+    let Some(problem) = Problem::new(motion, effects, plain) else {
+        return Ok(None);
+    };
+    problem.solve()
+}
+
+struct Problem<'a> {
+    motion: &'a Motion,
+    effects: &'a [&'a dyn Effect],
+    mechanism: SplineMechanism,
+    /// Of each linear coefficient of the mechanism its place among the parameters; nothing when it is held at zero.
+    places: Vec<Option<usize>>,
+    /// Parameters of effects, which come first.
+    linear: usize,
+    bounds: Vec<Bound>,
+    penalty: DMatrix<f64>,
+    curve: Curve,
+    position: Arrow,
+    /// Samples whose effort counts, and which of the fit's samples each is near.
+    used: Vec<(usize, usize)>,
+    sensor: f64,
+    start: DVector<f64>,
+}
+
+/// A motion along the curve, and the effort's rows there.
+struct Rows {
+    motion: Motion,
+    /// Regressors of the effects, unfiltered.
+    series: Vec<Vec<f64>>,
+    effort: Vec<Row>,
+}
+
+struct Row {
+    first: usize,
+    curve: [f64; LOCAL],
+    params: Vec<(usize, f64)>,
+    right: f64,
+    /// Which of the fit's samples it is near.
+    near: usize,
+}
+
+impl<'a> Problem<'a> {
+    fn new(motion: &'a Motion, effects: &'a [&'a dyn Effect], plain: &Plain<'_>) -> Option<Self> {
+        let curve = Curve::new(&motion.runs, motion.period, KNOTS_S);
+        let colour = Colour::of(&motion.noise_of_q, &motion.runs)
+            .unwrap_or_else(|| Colour::white(upper_band(motion, &motion.q_measured)));
+        let linear = plain.theta.len();
+        let coefficients = plain.mechanism.coefficients();
+        let all = plain.mechanism.bounds();
+        let (mut places, mut bounds) = (Vec::new(), plain.design.bounds[..linear].to_vec());
+        let mut start = plain.theta.to_vec();
+        let mut chosen: Vec<usize> = (0..linear).collect();
+        for (j, value) in coefficients[..plain.mechanism.first_bend()]
+            .iter()
+            .enumerate()
+        {
+            let held = all[j] == Bound::NonNegative && *value == 0.0;
+            places.push((!held).then_some(start.len()));
+            if !held {
+                start.push(*value);
+                bounds.push(all[j]);
+                chosen.push(linear + j);
+            }
+        }
+        let used = used_samples(motion);
+        let none = DMatrix::zeros(plain.design.y.ncols(), plain.design.y.ncols());
+        let penalty = plain
+            .design
+            .penalized(&none, plain.smoothing, 1.0)
+            .select_rows(&chosen)
+            .select_columns(&chosen)
+            * (used.len() as f64 / motion.kept.len().max(1) as f64);
+        let position = position_rows(motion, &curve, &colour, start.len());
+        (colour.new_std > 0.0 && used.len() > 2 * start.len()).then_some(Self {
+            motion,
+            effects,
+            mechanism: plain.mechanism.clone(),
+            places,
+            linear,
+            bounds,
+            penalty,
+            curve,
+            position,
+            used,
+            sensor: upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE),
+            start: DVector::from_vec(start),
+        })
+    }
+
+    fn solve(mut self) -> Result<Option<JointFit>, MotionError> {
+        let mut theta = self.start.clone();
+        let Some(alone) = self.position.clone().eliminate() else {
+            return Ok(None);
+        };
+        let mut x = alone.coefficients(&DVector::zeros(theta.len()));
+        let mut noise = self.sensor;
+        let mut rows = self.rows(&x, &theta)?;
+        for step in 0..STEPS {
+            let effort = self.effort(&rows, |_| true);
+            if step < 2 {
+                noise = self.likeliest_noise(&effort).unwrap_or(noise);
+            }
+            let Some(eliminated) = self.whole(&effort, noise) else {
+                return Ok(None);
+            };
+            let before = theta;
+            theta = self.minimum(&eliminated);
+            x = eliminated.coefficients(&theta);
+            rows = self.rows(&x, &theta)?;
+            let change = (&theta - &before).component_div(&before.map(|v| v.abs().max(1e-9)));
+            if step >= 2 && change.rows(0, 3).amax() < 1e-4 {
+                break;
+            }
+        }
+        let effort = self.effort(&rows, |_| true);
+        let Some(eliminated) = self.whole(&effort, noise) else {
+            return Ok(None);
+        };
+        let at_bound: Vec<bool> = (0..theta.len())
+            .map(|j| self.bounds[j] == Bound::NonNegative && theta[j] == 0.0)
+            .collect();
+        let scale = scale_of(eliminated.corner());
+        let covariance = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
+        let residual = self.filtered_residual(&rows, &theta)?;
+        // Where slow errors of the model stand above the noise, the noise alone says too little.
+        let white = noise * self.motion.passes_of_white(0.3 / self.motion.period);
+        let held_out_rms = self.held_out(&rows, noise)?;
+        let wider = (rms(&residual) / white).max(1.0)
+            * (held_out_rms / rms(&residual).max(f64::MIN_POSITIVE)).max(1.0);
+        self.set(&theta);
+        theta[VISCOUS] += self.mechanism.take_common_damping();
+        let kind = self.motion.kind;
+        let named = [
+            ("inertia", kind.inertia_unit()),
+            ("coulomb", kind.effort_unit()),
+            ("viscous", kind.viscous_unit()),
+        ];
+        let terms = named.iter().enumerate().map(|(j, (name, unit))| Term {
+            name: (*name).to_owned(),
+            value: Some(theta[j]),
+            std: Some(wider * covariance[(j, j)].max(0.0).sqrt() / scale[j]),
+            unit: (*unit).to_owned(),
+        });
+        Ok(Some(JointFit {
+            terms: terms.collect(),
+            effort_noise: noise,
+            rms: rms(&residual),
+            held_out_rms,
+        }))
+    }
+
+    /// The motion along the curve with coefficients `x`, and the effort's rows near it and near the parameters `theta`.
+    fn rows(&mut self, x: &[f64], theta: &DVector<f64>) -> Result<Rows, MotionError> {
+        self.set(theta);
+        let motion = self.along(x);
+        let series = self.series(&motion)?;
+        let slopes = self.slopes(&motion, &series, theta)?;
+        let places = self.curve.at_samples();
+        let mut effort = Vec::with_capacity(self.used.len());
+        for &(i, near) in &self.used {
+            let (first, weights) = places[i];
+            let (q, dq, ddq) = (motion.q[i], motion.dq[i], motion.ddq[i]);
+            let mut params: Vec<(usize, f64)> =
+                series.iter().enumerate().map(|(j, s)| (j, s[i])).collect();
+            let mut linear = 0.0;
+            for (j, value) in self.mechanism.linear_row(q, dq) {
+                if let Some(place) = self.places[j] {
+                    params.push((place, value));
+                    linear += value * theta[place];
+                }
+            }
+            let [by_q, by_dq] = slopes[i];
+            let by = [by_q, by_dq, theta[0]];
+            let curve = core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
+            let fixed = self.mechanism.effort(q, dq) - linear;
+            effort.push(Row {
+                first,
+                curve,
+                params,
+                right: motion.tau[i] - fixed + by_q * q + by_dq * dq + theta[0] * ddq,
+                near,
+            });
+        }
+        Ok(Rows {
+            motion,
+            series,
+            effort,
+        })
+    }
+
+    /// Puts the parameters into the mechanism.
+    fn set(&mut self, theta: &DVector<f64>) {
+        let mut coefficients = self.mechanism.coefficients();
+        for (value, place) in coefficients.iter_mut().zip(&self.places) {
+            *value = place.map_or(0.0, |place| theta[place]);
+        }
+        self.mechanism.set(&coefficients);
+    }
+
+    /// The motion with the curve's states in place of the smoothed ones.
+    fn along(&self, x: &[f64]) -> Motion {
+        let places = self.curve.at_samples();
+        let of = |k: usize| -> Vec<f64> {
+            let value = |(first, weights): &(usize, &Weights)| {
+                weights[k]
+                    .iter()
+                    .zip(&x[*first..])
+                    .map(|(w, c)| w * c)
+                    .sum()
+            };
+            places.iter().map(value).collect()
+        };
+        self.motion.with_states([of(0), of(1), of(2)])
+    }
+
+    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
+        let mut out = Vec::with_capacity(self.linear);
+        for effect in self.effects {
+            out.extend(effect.series(motion)?);
+        }
+        Ok(out)
+    }
+
+    /// Change of the effort per change of the coordinate and of the velocity, at each sample, without the inertia's.
+    fn slopes(
+        &self,
+        motion: &Motion,
+        series: &[Vec<f64>],
+        theta: &DVector<f64>,
+    ) -> Result<Vec<[f64; 2]>, MotionError> {
+        let domain = &self.mechanism.domain;
+        let small = [domain.q, domain.dq].map(|[low, high]| 1e-4 * (high - low).max(1e-9));
+        let mut out = vec![[0.0; 2]; motion.q.len()];
+        for (k, small) in small.into_iter().enumerate() {
+            for (i, out) in out.iter_mut().enumerate() {
+                let [dq, dv] = if k == 0 { [small, 0.0] } else { [0.0, small] };
+                let effort = |s: f64| {
+                    let (q, v) = (motion.q[i] + s * dq, motion.dq[i] + s * dv);
+                    self.mechanism.effort(q, v)
+                };
+                out[k] = (effort(1.0) - effort(-1.0)) / (2.0 * small);
+            }
+            let mut moved = motion.clone();
+            let shifted = if k == 0 { &mut moved.q } else { &mut moved.dq };
+            shifted.iter_mut().for_each(|v| *v += small);
+            // Inertia and dry friction do not depend on either.
+            for (j, moved) in self.series(&moved)?.iter().enumerate().skip(2) {
+                for (out, (a, b)) in out.iter_mut().zip(moved.iter().zip(&series[j])) {
+                    out[k] += theta[j] * (a - b) / small;
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// The effort's equations with unit noise, of the rows that are wanted.
+    fn effort(&self, rows: &Rows, wanted: impl Fn(usize) -> bool) -> Arrow {
+        let mut out = self.position.emptied();
+        for row in rows.effort.iter().filter(|row| wanted(row.near)) {
+            out.add(row.first, &row.curve, &row.params, row.right);
+        }
+        out.corner += &self.penalty;
+        out
+    }
+
+    fn whole(&self, effort: &Arrow, noise: f64) -> Option<Eliminated> {
+        let mut whole = self.position.clone();
+        whole.add_weighted(effort, 1.0 / (noise * noise));
+        whole.eliminate()
+    }
+
+    /// The effort's noise with which both series are likeliest, the curve and the parameters integrated out.
+    fn likeliest_noise(&self, effort: &Arrow) -> Option<f64> {
+        // The mechanism's smoothness is stated in units of the noise too.
+        let samples = (self.used.len() + self.start.len() - self.linear) as f64;
+        let surprise = |noise: f64| {
+            let eliminated = self.whole(effort, noise)?;
+            let theta = self.minimum(&eliminated);
+            let scale = scale_of(eliminated.corner());
+            let corner = scaled(eliminated.corner(), &scale).cholesky()?.l();
+            let of_params: f64 = corner
+                .diagonal()
+                .iter()
+                .zip(scale.iter())
+                .map(|(l, s)| 2.0 * (l * s).ln())
+                .sum();
+            let value = 2.0 * samples * noise.ln()
+                + eliminated.log_determinant()
+                + of_params
+                + eliminated.square_at(&theta);
+            Some((noise, value))
+        };
+        NOISES
+            .iter()
+            .filter_map(|times| surprise(times * self.sensor))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(noise, _)| noise)
+    }
+
+    fn minimum(&self, eliminated: &Eliminated) -> DVector<f64> {
+        let scale = scale_of(eliminated.corner());
+        let h = scaled(eliminated.corner(), &scale);
+        let right = eliminated.right().component_div(&scale);
+        let warm: Vec<bool> = self.start.iter().map(|v| *v != 0.0).collect();
+        bounded_quadratic(&h, &right, &self.bounds, Some(&warm)).component_div(&scale)
+    }
+
+    /// What the parameters leave of the effort along the motion, filtered, at the fit's samples.
+    fn filtered_residual(
+        &self,
+        rows: &Rows,
+        theta: &DVector<f64>,
+    ) -> Result<Vec<f64>, MotionError> {
+        let motion = &rows.motion;
+        let left: Vec<f64> = (0..motion.q.len())
+            .map(|i| {
+                let effects: f64 = rows
+                    .series
+                    .iter()
+                    .zip(theta.iter())
+                    .map(|(series, theta)| series[i] * theta)
+                    .sum();
+                motion.tau[i] - effects - self.mechanism.effort(motion.q[i], motion.dq[i])
+            })
+            .collect();
+        motion.regressor(&left)
+    }
+
+    /// Error on strokes that the parameters were not fitted to.
+    fn held_out(&mut self, rows: &Rows, noise: f64) -> Result<f64, MotionError> {
+        let (fold_of, folds) = self.motion.folds();
+        let scored = self.motion.covered();
+        let all = self.effort(rows, |_| true);
+        let (mut square, mut samples) = (0.0, 0);
+        for fold in 0..folds {
+            let rest = self.effort(rows, |near| fold_of[near] != fold);
+            let (Some(rest), Some(all)) = (self.whole(&rest, noise), self.whole(&all, noise))
+            else {
+                continue;
+            };
+            let theta = self.minimum(&rest);
+            let there = self.rows(&all.coefficients(&theta), &theta)?;
+            let residual = self.filtered_residual(&there, &theta)?;
+            for (k, residual) in residual.iter().enumerate() {
+                if fold_of[k] == fold && scored[k] {
+                    square += residual * residual;
+                    samples += 1;
+                }
+            }
+        }
+        Ok((square / f64::from(samples.max(1))).sqrt())
+    }
+}
+
+/// The equations of the curve by the measured coordinate alone, whitened.
+fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour, params: usize) -> Arrow {
+    let order = colour.past.len();
+    let width = LOCAL - 1 + order.div_ceil(curve.step());
+    let mut arrow = Arrow::new(curve.len(), width, params);
+    let places = curve.at_samples();
+    let mut row = vec![0.0; width + 1];
+    for run in curve.runs() {
+        for i in run.clone() {
+            let inside = i - run.start >= order;
+            let past: &[f64] = if inside { &colour.past } else { &[] };
+            // At a run's start the past is not known; a looser tie stands in for it.
+            let weight = if inside { 1.0 } else { 0.2 } / colour.new_std;
+            let first = places[i - past.len()].0;
+            row.fill(0.0);
+            let mut right = 0.0;
+            for (back, share) in core::iter::once(-1.0)
+                .chain(past.iter().copied())
+                .enumerate()
+            {
+                let (from, weights) = places[i - back];
+                for (j, value) in weights[0].iter().enumerate() {
+                    row[from - first + j] -= share * value * weight;
+                }
+                right -= share * motion.q_measured[i - back] * weight;
+            }
+            let last = places[i].0 - first + LOCAL;
+            arrow.add(first, &row[..last], &[], right);
+        }
+        // What hardly any sample touches, at a run's end, goes on as smoothly as ten times the motion's own bends allow.
+        let bends: Vec<f64> = motion.q[run.clone()]
+            .windows(3 * curve.step() + 1)
+            .map(|w| [0, 1, 2, 3].map(|k| w[k * curve.step()]))
+            .map(|[a, b, c, d]| d - 3.0 * (c - b) - a)
+            .collect();
+        let loose = 1.0 / (10.0 * rms(&bends)).max(f64::MIN_POSITIVE);
+        let (first, last) = (places[run.start].0, places[run.end - 1].0 + LOCAL);
+        for j in first..last - 3 {
+            let third = [-loose, 3.0 * loose, -3.0 * loose, loose];
+            arrow.add(j, &third, &[], 0.0);
+        }
+    }
+    arrow
+}
+
+/// Samples near those that the fit uses, while the joint slides one way.
+fn used_samples(motion: &Motion) -> Vec<(usize, usize)> {
+    let reach = motion
+        .kept
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .min()
+        .unwrap_or(1)
+        / 2;
+    let clear = (REVERSAL_S / motion.period).ceil() as usize;
+    let mut turned = vec![0_usize; motion.sign.len() + 1];
+    for (i, sign) in motion.sign.iter().enumerate() {
+        turned[i + 1] =
+            turned[i] + usize::from(sign.abs() < 1.0 || motion.dq[i].abs() < motion.slow_speed);
+    }
+    let mut out: Vec<(usize, usize)> = Vec::new();
+    for (near, &kept) in motion.kept.iter().enumerate() {
+        let from = out
+            .last()
+            .map_or(0, |last| last.0 + 1)
+            .max(kept.saturating_sub(reach));
+        for i in from..=(kept + reach).min(motion.q.len() - 1) {
+            let around = i.saturating_sub(clear)..(i + clear + 1).min(motion.sign.len());
+            if turned[around.end] == turned[around.start] {
+                out.push((i, near));
+            }
+        }
+    }
+    out
+}
+
+/// Standard deviation of the noise of a series at the work rate, as if what lies in its upper band were white.
+fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
+    const FROM: f64 = 0.15;
+    /// Where the anti-alias filter ends.
+    const TO: f64 = 0.3;
+    let Ok(filter) = LowPass::butterworth(4, FROM / motion.period, 1.0 / motion.period) else {
+        return 0.0;
+    };
+    let window = (0.25 / motion.period) as usize;
+    let mut variances = Vec::new();
+    for run in motion.runs.iter().filter(|run| run.len() > 8 * window) {
+        let part = &series[run.clone()];
+        let Ok(low) = filter.zero_phase(part) else {
+            continue;
+        };
+        let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
+        variances.extend(high.chunks(window).map(|chunk| rms(chunk).powi(2)));
+    }
+    (quantile(&variances, 0.5) * TO / (TO - FROM)).sqrt()
+}
+
+fn scale_of(matrix: &DMatrix<f64>) -> DVector<f64> {
+    matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt())
+}
+
+fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
+        matrix[(i, j)] / (scale[i] * scale[j])
+    })
+}

@@ -1,0 +1,129 @@
+//! A force-torque sensor at the end of its range: its channel stays at its own extreme while the others move.
+
+use core::ops::Range;
+
+/// A channel that stayed at its extreme.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Saturated {
+    /// 0 to 5: force x y z, torque x y z.
+    pub channel: usize,
+    /// Where it stayed, N or N m.
+    pub value: f64,
+    /// Samples there.
+    pub samples: usize,
+    /// Samples that were looked at.
+    pub of: usize,
+}
+
+impl Saturated {
+    /// Name of the channel.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        [
+            "force x", "force y", "force z", "torque x", "torque y", "torque z",
+        ][self.channel]
+    }
+
+    /// Unit of the channel.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        if self.channel < 3 { "N" } else { "N m" }
+    }
+
+    /// Share of the samples.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.samples as f64 / self.of.max(1) as f64
+    }
+}
+
+/// Equal samples on end that no noisy signal has at its very extreme.
+const LASTING: usize = 8;
+
+/// The channel of `wrench` that is longest at its extreme within `held`; nothing when none is. A device that repeats whole
+/// samples is not saturated.
+#[must_use]
+pub fn find(wrench: &[[f64; 6]], held: &[Range<usize>]) -> Option<Saturated> {
+    let of = held.iter().map(Range::len).sum();
+    let channels = (0..6).flat_map(|channel| [(channel, 1.0), (channel, -1.0)]);
+    let found = channels.map(|(channel, sign)| {
+        let value = |i: usize| sign * wrench[i][channel];
+        let all = held.iter().flat_map(Clone::clone);
+        let (least, extreme) = all
+            .map(value)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                (low.min(v), high.max(v))
+            });
+        // A channel that never moves is not at its end.
+        let moves = extreme > least;
+        let samples = held
+            .iter()
+            .map(|run| at_extreme(wrench, run, channel, |i| moves && value(i) >= extreme))
+            .sum();
+        Saturated {
+            channel,
+            value: sign * extreme,
+            samples,
+            of,
+        }
+    });
+    found
+        .max_by_key(|found| found.samples)
+        .filter(|found| found.samples > 0)
+}
+
+/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and another channel moves.
+fn at_extreme(
+    wrench: &[[f64; 6]],
+    run: &Range<usize>,
+    channel: usize,
+    is_extreme: impl Fn(usize) -> bool,
+) -> usize {
+    let mut total = 0;
+    let mut start = run.start;
+    for i in run.start..=run.end {
+        if i < run.end && is_extreme(i) {
+            continue;
+        }
+        let stretch = start..i;
+        let moves = stretch.clone().skip(1).any(|k| {
+            (0..6).any(|other| other != channel && wrench[k][other] != wrench[k - 1][other])
+        });
+        if stretch.len() >= LASTING && moves {
+            total += stretch.len();
+        }
+        start = i + 1;
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wrench(limit: f64) -> Vec<[f64; 6]> {
+        (0..1000)
+            .map(|i| {
+                let t = f64::from(i) * 0.02;
+                let mut out = [0.0; 6];
+                out[1] = (50.0 * t.sin()).clamp(-limit, limit);
+                out[4] = t.cos();
+                out
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_clipped_channel_is_found() {
+        let found = find(&wrench(45.0), &[0..400, 500..1000]).unwrap();
+        assert_eq!((found.name(), found.unit()), ("force y", "N"));
+        assert_eq!(found.value.abs(), 45.0);
+        assert!(found.share() > 0.05 && found.share() < 0.3, "{found:?}");
+    }
+
+    #[test]
+    fn a_channel_within_its_range_and_a_repeated_sample_are_not() {
+        assert_eq!(find(&wrench(60.0), &[0..1000]), None);
+        assert_eq!(find(&[[3.0, 1.0, 0.0, 0.0, 0.0, 0.0]; 50], &[0..50]), None);
+    }
+}
