@@ -35,7 +35,7 @@ pub enum Treatment {
     Translated,
     /// Translated, and poses aligned to the wrench, calibrated tool.
     Aligned,
-    /// As [`Self::Aligned`], with the tool's nominal mass; free air only tares.
+    /// As [`Self::Aligned`], with the tool's nominal mass and its bias, and without the free air that would contradict the mass.
     NominalMass,
 }
 
@@ -133,7 +133,16 @@ pub fn effect(scenario: &Scenario, seed: u64, folder: &Path) -> Result<StampEffe
     let found = calibrate(&aligned, &options)?.calibration;
     let mass_kg = [scenario.tool.mass_kg, found.payload_mass_kg.value];
     let mut with_nominal = aligned.clone();
-    with_nominal.calibration = Some(sure(&nominal));
+    with_nominal.calibration = Some(Calibration {
+        wrench_bias: found.wrench_bias.clone(),
+        ..sure(&nominal)
+    });
+    let grasp = with_nominal
+        .marks
+        .iter()
+        .find(|mark| mark.value == "grasp")
+        .map_or(start, |mark| mark.at.offset_by_seconds(-1.0));
+    with_nominal.wrench.retain(|sample| sample.at > grasp);
     for recording in [&mut translated, &mut arrived, &mut aligned] {
         recording.calibration = Some(found.clone());
     }
@@ -145,7 +154,7 @@ pub fn effect(scenario: &Scenario, seed: u64, folder: &Path) -> Result<StampEffe
     })
 }
 
-/// The nominal tool, so sure that free air only shows the bias.
+/// The nominal tool, as if it were sure.
 fn sure(tool: &ToolSpec) -> Calibration {
     Calibration {
         payload_mass_kg: Estimate {
