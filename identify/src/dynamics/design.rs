@@ -459,10 +459,15 @@ impl Design {
     }
 
     fn scaled(&self, h: &DMatrix<f64>) -> DMatrix<f64> {
-        DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| {
-            h[(i, j)] / (self.scale[i] * self.scale[j])
-        })
+        scaled(h, &self.scale)
     }
+}
+
+/// A normal matrix for variables counted in units of `1 / scale`.
+pub(super) fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
+        matrix[(i, j)] / (scale[i] * scale[j])
+    })
 }
 
 /// The samples of one fold, and those of them that count.

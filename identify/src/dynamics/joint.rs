@@ -21,7 +21,7 @@ mod curve;
 use nalgebra::{DMatrix, DVector};
 
 use super::Term;
-use super::design::Design;
+use super::design::{Design, scaled};
 use crate::effect::Effect;
 use crate::filter::LowPass;
 use crate::least_squares::{Bound, bounded_quadratic, covariance_of_free, rms};
@@ -530,10 +530,4 @@ fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
 
 fn scale_of(matrix: &DMatrix<f64>) -> DVector<f64> {
     matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt())
-}
-
-fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64> {
-    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
-        matrix[(i, j)] / (scale[i] * scale[j])
-    })
 }
