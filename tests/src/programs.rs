@@ -1,7 +1,7 @@
 //! The programs as a user runs them.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
 
 /// The folder of the built programs: `cargo test --workspace` builds them before it runs any test.
@@ -64,6 +64,31 @@ pub struct Finished {
     pub stdout: String,
     /// Its standard error.
     pub stderr: String,
+}
+
+/// Sends a running program a signal: `-STOP`, `-KILL` and so on.
+///
+/// # Panics
+/// The program has ended.
+pub fn signal(child: &Child, signal: &str) {
+    let sent = Command::new("kill")
+        .args([signal, &child.id().to_string()])
+        .status();
+    assert!(sent.is_ok_and(|status| status.success()), "kill {signal}");
+}
+
+/// Ends a running program as Ctrl-C does, and gives what it left.
+///
+/// # Panics
+/// As [`signal`], or its output cannot be read.
+#[must_use]
+pub fn end(name: &str, child: Child) -> Finished {
+    signal(&child, "-INT");
+    let output = child.wait_with_output();
+    Finished::new(
+        name,
+        &output.unwrap_or_else(|error| panic!("{name}: {error}")),
+    )
 }
 
 impl Finished {

@@ -134,7 +134,7 @@ pub fn effect(scenario: &Scenario, seed: u64, folder: &Path) -> Result<StampEffe
     let mass_kg = [scenario.tool.mass_kg, found.payload_mass_kg.value];
     let mut with_nominal = aligned.clone();
     with_nominal.calibration = Some(Calibration {
-        wrench_bias: found.wrench_bias.clone(),
+        wrench_bias: found.wrench_bias,
         ..sure(&nominal)
     });
     let grasp = with_nominal

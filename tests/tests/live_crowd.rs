@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ft_recording::{Recording, TopicMap};
+use ft_tests::programs::{end, signal};
 use ft_tests::{peers, programs};
 use serde_json::Value;
 use tempfile::tempdir;
@@ -45,22 +46,6 @@ fn peer(test: &str, script: &str, arguments: &[&str]) -> Option<Child> {
         .unwrap();
     assert_eq!(line.trim(), "ready", "{script}");
     Some(child)
-}
-
-fn signal(child: &Child, signal: &str) {
-    let id = child.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args([signal, &id])
-            .status()
-            .unwrap()
-            .success()
-    );
-}
-
-fn end(name: &str, child: Child) -> programs::Finished {
-    signal(&child, "-INT");
-    programs::Finished::new(name, &child.wait_with_output().unwrap())
 }
 
 /// Seconds of processor time that a process has had.

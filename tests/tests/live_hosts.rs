@@ -14,6 +14,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use ft_recording::{Recording, TopicMap};
+use ft_tests::programs::{end, signal};
 use ft_tests::{peers, programs};
 use serde_json::Value;
 use tempfile::tempdir;
@@ -133,22 +134,6 @@ impl Drop for Lan {
 #[allow(clippy::disallowed_methods, reason = "the network needs its time")]
 fn wait(milliseconds: u64) {
     std::thread::sleep(std::time::Duration::from_millis(milliseconds));
-}
-
-fn signal(child: &Child, signal: &str) {
-    let id = child.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args([signal, &id])
-            .status()
-            .unwrap()
-            .success()
-    );
-}
-
-fn end(name: &str, child: Child) -> programs::Finished {
-    signal(&child, "-INT");
-    programs::Finished::new(name, &child.wait_with_output().unwrap())
 }
 
 /// Stamps of the wrenches in a file, ns.
