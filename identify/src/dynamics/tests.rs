@@ -356,3 +356,33 @@ fn the_wrench_tells_of_a_heavy_objects_acceleration() {
     let inertia = together.terms[0].value.unwrap();
     assert!((inertia / 25.0 - 1.0).abs() < 0.01, "{inertia}");
 }
+
+#[test]
+fn what_a_soft_stop_carries_is_in_no_sample_of_the_fit_and_what_a_catch_takes_is() {
+    let stop = Object {
+        mechanism: |q, _| -1500.0 * (0.06 - q).max(0.0),
+        ..PLAIN
+    };
+    let settings = MotionSettings::default();
+    let motion = Motion::prepare(&record(&stop, 25.0, [5e-5, 0.02], 3), &settings).unwrap();
+    assert!(motion.kept.iter().all(|&i| motion.q[i] > 0.06));
+    assert!(motion.kept.iter().any(|&i| motion.q[i] < 0.4));
+    let model = fit_base(&motion).unwrap();
+    for (name, truth) in [("inertia", 2.5), ("coulomb", 1.2), ("viscous", 0.8)] {
+        let value = model.value(name).unwrap();
+        assert!((value / truth - 1.0).abs() < 0.01, "{name} {value}");
+    }
+    assert!(model.rms < 0.03, "{}", model.rms);
+    let catch = Object {
+        mechanism: |q, _| {
+            if q < 0.06 {
+                8.0 * (1.0 - q / 0.06)
+            } else {
+                0.0
+            }
+        },
+        ..PLAIN
+    };
+    let motion = Motion::prepare(&record(&catch, 40.0, [5e-5, 0.02], 3), &settings).unwrap();
+    assert!(motion.kept.iter().any(|&i| motion.q[i] < 0.04));
+}

@@ -1,7 +1,10 @@
 //! Which samples a fit may use, and how many each gate took.
 
+mod stop;
+
 use super::Motion;
 use crate::samples::quantile;
+use stop::Stop;
 
 /// Fills `kept`, `gated` and `slow_speed`; gives the number of samples before the gates.
 ///
@@ -9,7 +12,7 @@ use crate::samples::quantile;
 /// |---|---|
 /// | `border` | the filter's length at either end of a run |
 /// | `slow` | within half a filter length of a stretch of 30 ms or more below the threshold speed: stuck, or about to be; a quick reversal, as in shaking, stays |
-/// | `limit` | within half a filter length of the outermost 1 % of the range; where the joint is thrown against its stop, from where the weakest blow turns it and for the filter's whole ringing: end stops |
+/// | `limit` | within half a filter length of the outermost 1 % of the range; where the joint is thrown against its stop, from where the weakest blow turns it; where it is pushed into a soft stop, from where the stop begins to give; and for as long as the filter rings of what the stop carries |
 /// | `acceleration` | beyond three times what 99 % of the samples reach: a tracker that jumped |
 pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let step = ((1.0 / (4.0 * cutoff_hz)) / motion.period).round().max(1.0) as usize;
@@ -51,18 +54,11 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
 
 /// Samples about an end stop. `windows` = samples to leave out about touching it and about a blow.
 fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
-    let (low, high) = (quantile(&motion.q, 0.0), quantile(&motion.q, 1.0));
-    let margin = 0.01 * (high - low);
+    let range @ [low, high] = [quantile(&motion.q, 0.0), quantile(&motion.q, 1.0)];
     let blows = blows(motion, low, high);
-    let turned = |at_high: bool| {
-        blows
-            .iter()
-            .map(|&i| motion.q[i])
-            .filter(move |q| (*q > 0.5 * (low + high)) == at_high)
-    };
-    let from = turned(true).fold(high, f64::min) - margin;
-    let to = turned(false).fold(low, f64::max) + margin;
-    let touching: Vec<bool> = motion.q.iter().map(|q| *q < to || *q > from).collect();
+    let stops = [false, true].map(|at_high| Stop::find(motion, range, at_high, &blows));
+    let touches = |q: f64| stops.iter().any(|stop| stop.touches(q));
+    let touching: Vec<bool> = motion.q.iter().map(|q| touches(*q)).collect();
     let mut struck = vec![false; motion.q.len()];
     for &i in &blows {
         struck[i] = true;
@@ -71,8 +67,20 @@ fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
     for (out, near) in out.iter_mut().zip(widened(motion, &struck, windows[1])) {
         *out |= near;
     }
+    let states = motion.q.iter().zip(&motion.tau);
+    let carried: Vec<f64> = states
+        .map(|(q, tau)| stops.iter().map(|stop| stop.carries(*q, *tau)).sum())
+        .collect();
+    let [least, _, most] = stop::between(motion, range, &motion.tau);
+    let rings = motion.kernel.reach_of(&motion.runs, &carried);
+    for (out, ring) in out.iter_mut().zip(rings) {
+        *out |= ring > RINGS * (most - least);
+    }
     out
 }
+
+/// Share of the effort between the ends that a stop's may leave through the filter.
+const RINGS: f64 = 1e-3;
 
 /// Where the joint turns in the outermost 4 % of its range with an acceleration that no hand has: most of it above the
 /// fit's cut-off, far over the noise there, and not small beside what the hand does.
@@ -88,14 +96,8 @@ fn blows(motion: &Motion, low: f64, high: f64) -> Vec<usize> {
         .map(|(a, s)| (a - s).abs())
         .collect();
     let between = |series: &[f64], level: f64| {
-        let inside: Vec<f64> = motion
-            .q
-            .iter()
-            .zip(series)
-            .filter(|(q, _)| **q > low + inner && **q < high - inner)
-            .map(|(_, value)| value.abs())
-            .collect();
-        quantile(&inside, level)
+        let values = inside(motion, [low + inner, high - inner], series);
+        quantile(&values.map(f64::abs).collect::<Vec<f64>>(), level)
     };
     let least = (9.0 * between(&quick, 0.5)).max(0.3 * between(&motion.ddq, 0.99));
     let reach = (0.05 / motion.period).ceil() as usize;
@@ -111,6 +113,16 @@ fn blows(motion: &Motion, low: f64, high: f64) -> Vec<usize> {
         }
     }
     out
+}
+
+/// The values of a series where the coordinate is within `range`.
+fn inside(motion: &Motion, [low, high]: [f64; 2], series: &[f64]) -> impl Iterator<Item = f64> {
+    motion
+        .q
+        .iter()
+        .zip(series)
+        .filter(move |(q, _)| **q > low && **q < high)
+        .map(|(_, value)| *value)
 }
 
 /// 2 % of the fast strokes' speed, but four times the velocity noise where that is known and larger, and never more

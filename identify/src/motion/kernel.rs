@@ -37,6 +37,25 @@ impl Kernel {
         first.unwrap_or(self.0.len()).saturating_sub(1)
     }
 
+    /// What a series of non-negative values may at most leave at each sample of `runs` through the filter's side lobes.
+    pub(super) fn reach_of(&self, runs: &[Range<usize>], series: &[f64]) -> Vec<f64> {
+        let mut envelope: Vec<f64> = self.0.iter().map(|weight| weight.abs()).collect();
+        for d in (1..envelope.len()).rev() {
+            envelope[d - 1] = envelope[d - 1].max(envelope[d]);
+        }
+        let mut out = vec![0.0; series.len()];
+        for run in runs {
+            for from in run.clone().filter(|&i| series[i] > 0.0) {
+                let first = run.start.max((from + 1).saturating_sub(envelope.len()));
+                let end = run.end.min(from + envelope.len());
+                for (at, out) in (first..).zip(&mut out[first..end]) {
+                    *out += envelope[at.abs_diff(from)] * series[from];
+                }
+            }
+        }
+        out
+    }
+
     /// Calls `f` with each sample that counts at `at` and its weight; beyond the ends of `run` the series goes on as its
     /// mirror image in the end point.
     fn each(&self, run: &Range<usize>, at: usize, mut f: impl FnMut(usize, f64)) {
