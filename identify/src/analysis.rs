@@ -2,8 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DVector;
+
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Refused, confirm, diagnose_without, evidence, slope_of,
+    Confirmation, Diagnosis, Evidence, Found, Refused, confirm, diagnose_without, evidence,
+    slope_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
@@ -247,15 +250,24 @@ fn aligned(
 }
 
 /// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the
-/// mechanism stands in `theta` only.
+/// mechanism stands in `theta` only. Where the named effects leave more than the floor, their shapes may be wrong: then those
+/// that a mechanism can be by itself are left to it, if that foretells held-out strokes better.
 fn with_mechanism(
     motion: &Motion,
     diagnosis: &Diagnosis,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let found = diagnosis.found();
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let (mut model, mut jointly) = fit_jointly(motion, &effects)?;
+    let all = vec![true; found.len()];
+    let (mut model, mut jointly) = beside_mechanism(motion, &found, &all)?;
+    let by_state = |found: &Found| found.kind.at.is_some();
+    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
+        let other: Vec<bool> = found.iter().map(|found| !by_state(found)).collect();
+        let without = beside_mechanism(motion, &found, &other)?;
+        if without.0.held_out_rms < model.held_out_rms {
+            (model, jointly) = without;
+        }
+    }
     model.terms.truncate(3);
     model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
     let terms = &model.terms;
@@ -268,6 +280,31 @@ fn with_mechanism(
             (term.value, term.std) = (None, None);
         }
     }
+    Ok((model, jointly))
+}
+
+/// I, mu, b, those of `found` that are `used`, and the mechanism; the parameters of the others are zero.
+fn beside_mechanism(
+    motion: &Motion,
+    found: &[Found],
+    used: &[bool],
+) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
+    let some = found.iter().zip(used).filter(|(_, used)| **used);
+    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
+    effects.extend(some.map(|(found, _)| found as &dyn Effect));
+    let (mut model, jointly) = fit_jointly(motion, &effects)?;
+    let mut fitted = model.theta.iter().copied();
+    let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();
+    for (found, used) in found.iter().zip(used) {
+        for _ in found.terms() {
+            theta.push(if *used {
+                fitted.next().unwrap_or(0.0)
+            } else {
+                0.0
+            });
+        }
+    }
+    model.theta = DVector::from_vec(theta);
     Ok((model, jointly))
 }
 

@@ -160,6 +160,11 @@ fn fit_full(
     let parametric = Design::new(motion, effects, None)?;
     let mut design = parametric.with_surfaces(motion, &mechanism);
     let (mut smoothing, mut held_out_rms) = design.choose_smoothing();
+    let undamped = design.undamped();
+    let (loaded, without) = undamped.choose_load(smoothing);
+    if without <= held_out_rms {
+        (design, smoothing, held_out_rms) = (undamped, loaded, without);
+    }
     let mut exact = None;
     if design.damping_share(&smoothing) > DAMPED_ABOVE {
         let (surfaces, _) = design.solve(&smoothing);

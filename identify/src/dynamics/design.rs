@@ -11,6 +11,7 @@ use crate::mechanism::{Linearised, SplineMechanism};
 use crate::motion::Motion;
 
 /// `tau = y [theta, mechanism coefficients]`.
+#[derive(Clone)]
 pub(super) struct Design {
     pub(super) y: DMatrix<f64>,
     pub(super) tau: DVector<f64>,
@@ -179,6 +180,18 @@ impl Design {
         }
     }
 
+    /// The same design with none of the mechanism's damping let in.
+    pub(super) fn undamped(&self) -> Self {
+        let mut out = self.clone();
+        for j in self.params..self.y.ncols() {
+            if self.bounds[j] == Bound::NonNegative {
+                // Ten times what the measured effort could ask of it.
+                out.threshold[j] = 10.0 * self.gram[(j, j)].sqrt() * self.tau.norm();
+            }
+        }
+        out
+    }
+
     fn check(&self) -> Result<(), DynamicsError> {
         let bad =
             |i: &usize| !self.tau[*i].is_finite() || self.y.row(*i).iter().any(|v| !v.is_finite());
@@ -212,11 +225,21 @@ impl Design {
         self.choose_among([0.01, 0.1], [&LOAD_GRID, &DAMPING_GRID])
     }
 
+    /// As [`Design::choose_smoothing`], of the load only.
+    pub(super) fn choose_load(&self, start: [f64; 2]) -> ([f64; 2], f64) {
+        self.choose_among(start, [&LOAD_GRID, &[]])
+    }
+
     /// As [`Design::choose_smoothing`], from `start` on, among the values given for load and damping.
     pub(super) fn choose_among(&self, start: [f64; 2], grids: [&[f64]; 2]) -> ([f64; 2], f64) {
         let folds = self.fold_normals();
         let mut best = (start, f64::INFINITY);
-        for grid in [0, 1, 0] {
+        let turns: &[usize] = if grids[1].is_empty() {
+            &[0]
+        } else {
+            &[0, 1, 0]
+        };
+        for &grid in turns {
             for value in grids[grid] {
                 let mut smoothing = best.0;
                 smoothing[grid] = *value;

@@ -80,7 +80,7 @@ fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
 }
 
 /// Share of the effort between the ends that a stop's may leave through the filter.
-const RINGS: f64 = 1e-3;
+const RINGS: f64 = 2e-3;
 
 /// Where the joint turns in the outermost 4 % of its range with an acceleration that no hand has: most of it above the
 /// fit's cut-off, far over the noise there, and not small beside what the hand does.

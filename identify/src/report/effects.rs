@@ -201,7 +201,8 @@ pub struct TwinNumber {
 }
 
 impl TwinEffect {
-    /// The object's effects of an analysis; a constant load too, as it cannot be told from one of the sensor.
+    /// The object's effects of an analysis; a constant load too, as it cannot be told from one of the sensor. One that the full
+    /// model leaves to the mechanism is not among them.
     #[must_use]
     pub fn of(analysis: &Analysis) -> Vec<Self> {
         let Some(diagnosis) = &analysis.diagnosis else {
@@ -222,7 +223,7 @@ impl TwinEffect {
                 .collect();
             let shape = found.kind.shape.iter().zip(&found.shape);
             let of_object = found.kind.belongs == Belongs::Object || found.kind.at.is_some();
-            if of_object {
+            if of_object && terms.iter().any(|term| term.value != 0.0) {
                 out.push(Self {
                     name: found.kind.name.to_owned(),
                     terms,

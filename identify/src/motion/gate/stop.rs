@@ -10,7 +10,7 @@ pub(super) struct Stop {
     begins: f64,
     /// Effort per depth, and depth at which it begins, where it gives way that much.
     soft: Option<[f64; 2]>,
-    /// Effort outwards that the joint needs at most between the ends.
+    /// Effort outwards that the joint usually needs between the ends; infinite where no stop shows.
     needed: f64,
 }
 
@@ -51,7 +51,7 @@ impl Stop {
             begins: begins.min(outwards * end) - MARGIN * (range[1] - range[0]),
             soft,
             needed: if begins.is_finite() {
-                most
+                usual
             } else {
                 f64::INFINITY
             },
