@@ -15,6 +15,7 @@ use crate::config::{Frames, StaticPose};
 use crate::encode::static_transforms;
 
 mod align;
+mod dense;
 mod error;
 mod fit;
 mod plot;

@@ -10,7 +10,7 @@ use ft_drivers::link::RxStamps;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::pump::Outlet;
 use ft_drivers::reading::{DeviceEvent, Quality, Reading, SampleInstant};
-use ft_drivers::translate::{OneWay, OneWayConfig};
+use ft_drivers::translate::{ClockStatus, Counted, OneWay, OneWayConfig};
 use ft_wire::HostTime;
 
 use crate::item::{Body, Item, RawBytes};
@@ -32,10 +32,19 @@ pub struct Channel<I> {
     intake: I,
     counters: Arc<StreamCounters>,
     translator: OneWay,
+    /// For a device without a clock that samples evenly.
+    counted: Option<Counted>,
     link_delay: Duration,
     raw: Vec<u8>,
     clock_report_due: HostTime,
     delivers: bool,
+}
+
+fn config(link_delay: Duration) -> OneWayConfig {
+    OneWayConfig {
+        link_delay,
+        ..OneWayConfig::default()
+    }
 }
 
 impl<I: Intake> Channel<I> {
@@ -51,10 +60,8 @@ impl<I: Intake> Channel<I> {
             device,
             intake,
             counters,
-            translator: OneWay::new(OneWayConfig {
-                link_delay,
-                ..OneWayConfig::default()
-            }),
+            translator: OneWay::new(config(link_delay)),
+            counted: None,
             link_delay,
             raw: Vec::with_capacity(RawBytes::CAPACITY),
             clock_report_due: HostTime::EPOCH,
@@ -62,9 +69,19 @@ impl<I: Intake> Channel<I> {
         }
     }
 
+    /// The device samples evenly, so that the number of its samples is a clock where it has none.
+    #[must_use]
+    pub fn sampling_evenly(mut self, evenly: bool) -> Self {
+        self.counted = evenly.then(|| Counted::new(config(self.link_delay)));
+        self
+    }
+
     /// The device or its link was restarted: its clock begins anew.
     pub fn restart_clock(&mut self) {
         self.translator.reset();
+        if let Some(counted) = &mut self.counted {
+            counted.reset();
+        }
     }
 
     fn put(&mut self, arrival: HostTime, sample_time: HostTime, body: Body) {
@@ -77,19 +94,34 @@ impl<I: Intake> Channel<I> {
         self.intake.put(item, &self.counters);
     }
 
-    /// When a sample was true: by the device's clock where it has one, else its arrival less the constant delay.
-    fn sample_time(&mut self, at: SampleInstant) -> HostTime {
-        let Some(device_ns) = at.device_ns else {
+    /// When a sample was true: by the device's clock where it has one, by the number of samples where these are even, else its
+    /// arrival less the constant delay. A count is the sample's instant on a device clock from here on.
+    fn sample_time(&mut self, at: &mut SampleInstant) -> HostTime {
+        if let Some(device_ns) = at.device_ns {
+            let translated = self.translator.observe(device_ns, at.arrival);
+            self.report_clock(at.arrival, self.translator.status());
+            return translated.at;
+        }
+        let counted = self.counted.as_mut();
+        let Some((instant, status)) = counted
+            .and_then(|counted| Some((counted.observe(at.arrival)?, counted.clock().status())))
+        else {
             return at.arrival - self.link_delay;
         };
-        let translated = self.translator.observe(device_ns, at.arrival);
-        if at.arrival >= self.clock_report_due
-            && let Some(status) = self.translator.status()
-        {
-            self.clock_report_due = at.arrival + CLOCK_REPORT_PERIOD;
-            self.put(at.arrival, at.arrival, Body::Clock(status));
+        self.report_clock(at.arrival, status);
+        at.device_ns = Some(instant.device_ns);
+        instant.translated.at
+    }
+
+    /// Says once a second where the clock stands.
+    fn report_clock(&mut self, now: HostTime, status: Option<ClockStatus>) {
+        if now < self.clock_report_due {
+            return;
         }
-        translated.at
+        if let Some(status) = status {
+            self.clock_report_due = now + CLOCK_REPORT_PERIOD;
+            self.put(now, now, Body::Clock(status));
+        }
     }
 
     /// A loss counts once, and only when samples flowed.
@@ -98,7 +130,7 @@ impl<I: Intake> Channel<I> {
             DeviceEvent::Streaming => {
                 self.delivers = true;
                 // Its clock may have stood still, or begun anew.
-                self.translator.reset();
+                self.restart_clock();
             }
             DeviceEvent::Lost { .. } if std::mem::take(&mut self.delivers) => {
                 self.counters.add_interruption()
@@ -127,17 +159,17 @@ impl<I: Intake, F: RawFrame> Outlet<F> for Channel<I> {
 
     fn reading(&mut self, reading: Reading) {
         match reading {
-            Reading::Wrench(reading) => {
+            Reading::Wrench(mut reading) => {
                 self.count_quality(reading.quality);
-                let at = self.sample_time(reading.at);
+                let at = self.sample_time(&mut reading.at);
                 self.put(reading.at.arrival, at, Body::Wrench(reading));
             }
-            Reading::Width(reading) => {
-                let at = self.sample_time(reading.at);
+            Reading::Width(mut reading) => {
+                let at = self.sample_time(&mut reading.at);
                 self.put(reading.at.arrival, at, Body::Width(reading));
             }
-            Reading::Pose(reading) => {
-                let at = self.sample_time(reading.at);
+            Reading::Pose(mut reading) => {
+                let at = self.sample_time(&mut reading.at);
                 self.put(reading.at.arrival, at, Body::Pose(reading));
             }
             Reading::Event { at, event } => {

@@ -114,6 +114,15 @@ impl Driver {
         matches!(self, Self::Leptrino | Self::AtiNetcanoem | Self::HidAxis)
     }
 
+    /// Whether the device sends samples at its own even pace without a clock or a counter, so that their number is one.
+    #[must_use]
+    pub const fn samples_evenly(self) -> bool {
+        matches!(
+            self,
+            Self::RobotousCan | Self::RobotousUart | Self::KunweiKwr75 | Self::Leptrino
+        )
+    }
+
     /// As in the configuration.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -147,7 +147,8 @@ fn open_links(
         let link_delay = Duration::from_secs_f64(device.latency_us * 1e-6);
         let builder = StepBuilder {
             device,
-            channel: Channel::new(index, buffer.clone(), Arc::clone(counters), link_delay),
+            channel: Channel::new(index, buffer.clone(), Arc::clone(counters), link_delay)
+                .sampling_evenly(device.driver.samples_evenly()),
             counters: Arc::clone(counters),
             serial: || simulation.serial_link(&device.name),
             can: || simulation.can_link(&device.name),

@@ -22,9 +22,11 @@ use std::time::Duration;
 
 use ft_wire::HostTime;
 
+mod counted;
 mod hull;
 mod smooth;
 
+pub use counted::{Counted, CountedInstant};
 use hull::{Hull, Line};
 pub use smooth::smooth;
 

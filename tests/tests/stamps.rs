@@ -12,6 +12,7 @@ use ft_identify::pipeline::identify_recording;
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{Pose7, Recording, Stamped, TopicMap, TrackedFrame};
 use ft_sim_hw::Scenario;
+use ft_sim_hw::scenario::SensorSpec;
 use ft_tests::stamps::{Treatment, effect};
 use ft_tests::truth::{record, record_scenario};
 use ft_tests::{peers, programs};
@@ -273,6 +274,32 @@ fn clocks_smoothed_afterwards_give_evener_stamps_in_a_new_file() {
         .expect_code(1)
         .complains(&["/raw/"]);
     assert!(!path("c.mcap").exists());
+}
+
+#[test]
+fn a_sensor_without_clock_or_counter_is_stamped_by_the_number_of_its_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    let mut scenario = Scenario::load("drawer_loaded").unwrap();
+    scenario.sensor = SensorSpec::of("robotous_uart").unwrap();
+    scenario.sensor.link.burst_ms = 16.0;
+    let _ = record_scenario(&scenario, 56, &file);
+    let arrived = folder.path().join("arrival.mcap");
+    let mut rewrite = Rewrite::new();
+    rewrite.restamp(|_, _, arrival| arrival);
+    rewrite.write(Some(&file), &arrived, false).unwrap();
+    // Each as far as it can be known after ten seconds.
+    let [counted, arrival] = [&file, &arrived].map(|path| {
+        let wrench = load(path).wrench;
+        let stamps: Vec<_> = wrench.iter().map(|sample| sample.at).collect();
+        let from = stamps.partition_point(|at| at.seconds_since(stamps[0]) < 10.0);
+        unevenness_us(&stamps[from..])
+    });
+    println!("simulated: by count {counted:.1} us off a line, arrival {arrival:.1} us");
+    assert!(
+        counted < 1_000.0 && 5.0 * counted < arrival,
+        "{counted} {arrival}"
+    );
 }
 
 /// The raw form of the Hoi! dataset: a ROS 1 bag, written by other people's library, and MPS results of another clock.

@@ -256,11 +256,10 @@ impl Problem {
             scores.push(row.transpose() * weighted);
             residuals.push((*t, core::array::from_fn(|k| left[k])));
         }
-        let robust = &covariance * spread_of(&scores) * &covariance;
+        let [near, far] =
+            CORRELATED_ROWS.map(|rows| &covariance * spread_of(&scores, rows) * &covariance);
+        let covariance = larger(near, &far);
         let (rms, worth) = judged(&residuals);
-        let n = rows.len() as f64;
-        let each = worth.iter().map(|worth| n / worth).fold(1.0, f64::max);
-        let covariance = larger(robust, &(covariance * each), offset_at.unwrap_or(width));
         let next = Delay {
             offset_s: delay.offset_s + offset_at.map_or(0.0, |at| solution[at]),
             skew: delay.skew + skew_at.map_or(0.0, |at| solution[at]),
@@ -286,45 +285,41 @@ impl Problem {
     }
 }
 
-/// Rows over which residuals may be correlated: 0.5 s.
-const CORRELATED_ROWS: usize = 16;
+/// Rows over which residuals may be correlated: 0.25 s, twice what the low-pass makes of white noise, and 1 s for what is slow (a
+/// cable, a hand). More alone makes the sum small over a short free air, because the fit takes slow residuals away.
+const CORRELATED_ROWS: [usize; 2] = [8, 32];
 
 /// Covariance of the sum of the scores, whose neighbours are correlated; with it, the parameters' covariance holds for
 /// residuals of any colour and size.
 ///
 /// # Source
 /// Newey and West, *Econometrica* 55, 1987: triangular weights keep it non-negative.
-fn spread_of(scores: &[DVector<f64>]) -> DMatrix<f64> {
+fn spread_of(scores: &[DVector<f64>], correlated: usize) -> DMatrix<f64> {
     let width = scores.first().map_or(0, DVector::len);
     let mut sum = DMatrix::zeros(width, width);
     for (i, score) in scores.iter().enumerate() {
         // Sum of the neighbours before, weighted, so that one product serves them all.
         let mut near = score * 0.5;
-        for lag in 1..=CORRELATED_ROWS.min(i) {
-            let weight = 1.0 - lag as f64 / (CORRELATED_ROWS + 1) as f64;
+        for lag in 1..=correlated.min(i) {
+            let weight = 1.0 - lag as f64 / (correlated + 1) as f64;
             near.axpy(weight, &scores[i - lag], 1.0);
         }
         sum.ger(1.0, score, &near, 1.0);
     }
     let n = scores.len() as f64;
     // The fit takes its own part of the residuals away.
-    let correction = 6.0 * n / (6.0 * n - (width * CORRELATED_ROWS / 4) as f64).max(n);
+    let correction = 6.0 * n / (6.0 * n - (width * correlated / 4) as f64).max(n);
     (&sum + sum.transpose()) * correction
 }
 
-/// The robust covariance, its first `count` parameters widened to what counting independent residuals gives where that is
-/// more: over a few seconds either can be too small.
-fn larger(robust: DMatrix<f64>, counted: &DMatrix<f64>, count: usize) -> DMatrix<f64> {
-    let widen = DVector::from_fn(robust.nrows(), |k, _| {
-        let ratio = counted[(k, k)] / robust[(k, k)].max(1e-300);
-        if k < count {
-            ratio.sqrt().max(1.0)
-        } else {
-            1.0
-        }
+/// The covariance, each parameter widened to what the other says where that is more.
+fn larger(covariance: DMatrix<f64>, other: &DMatrix<f64>) -> DMatrix<f64> {
+    let widen = DVector::from_fn(covariance.nrows(), |k, _| {
+        let ratio = other[(k, k)] / covariance[(k, k)].max(1e-300);
+        ratio.max(1.0).sqrt()
     });
-    DMatrix::from_fn(robust.nrows(), robust.ncols(), |i, j| {
-        robust[(i, j)] * widen[i] * widen[j]
+    DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
+        covariance[(i, j)] * widen[i] * widen[j]
     })
 }
 

@@ -147,7 +147,8 @@ fn open_links(
         let link_delay = Duration::from_secs_f64(device.latency_us * 1e-6);
         let thread = LinkThread {
             clock,
-            channel: Channel::new(index, queues.clone(), Arc::clone(counters), link_delay),
+            channel: Channel::new(index, queues.clone(), Arc::clone(counters), link_delay)
+                .sampling_evenly(device.driver.samples_evenly()),
             counters: Arc::clone(counters),
             stop: Arc::clone(stop),
         };

@@ -66,7 +66,8 @@ pub(super) fn play(
         let feed = Feed::default();
         let builder = StepBuilder {
             device,
-            channel: Channel::new(index, buffer.clone(), Arc::clone(counters), link_delay),
+            channel: Channel::new(index, buffer.clone(), Arc::clone(counters), link_delay)
+                .sampling_evenly(device.driver.samples_evenly()),
             counters: Arc::clone(counters),
             serial: || Some(FedLink::<Chunk>::new(&feed)),
             can: || Some(FedLink::<CanFrame>::new(&feed)),

@@ -240,7 +240,7 @@ impl Setup {
             (sensor, position + rotation * arm + sensor * self.com)
         };
         let wrench = |t: f64| {
-            let h = 1e-3;
+            let h = 2e-4;
             let rate = |t: f64| {
                 let step = body(t - h).0.inverse() * body(t + h).0;
                 step.scaled_axis() / (2.0 * h)

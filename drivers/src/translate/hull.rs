@@ -69,6 +69,15 @@ impl Hull {
             .map_or(0.0, |newest| self.span_to(newest.x) as f64 * 1e-9)
     }
 
+    /// Host time from the first vertex to the newest, ns.
+    pub(super) fn arrivals_span(&self) -> i64 {
+        let host = |vertex: &Vertex| vertex.x.saturating_add(vertex.offset);
+        self.vertices
+            .front()
+            .zip(self.vertices.back())
+            .map_or(0, |(first, last)| host(last).saturating_sub(host(first)))
+    }
+
     /// Adds a point with a larger `x` than all before.
     pub(super) fn add(&mut self, x: i64, y: i64) {
         let point = Vertex {
