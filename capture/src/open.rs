@@ -110,7 +110,7 @@ impl DriverUser for Spawn<'_> {
         }
         let mut port = RememberedPort::new(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
-            SerialLink::open(&port.path(), baud_bps, clock)
+            SerialLink::open(&port.path()?, baud_bps, clock)
         })
     }
 

@@ -163,7 +163,7 @@ pub fn identity(vendor: u16, product: u16) -> Option<&'static UsbIdentity> {
 pub struct FoundPort {
     /// Device node, such as `/dev/ttyUSB0`.
     pub path: PathBuf,
-    /// Name that stays over replugging, from `/dev/serial/by-id`.
+    /// Name that stays over replugging: from `/dev/serial/by-id`, or of our own rules from `/dev/ft-capture`.
     pub by_id: Option<PathBuf>,
     /// USB vendor id.
     pub vendor: u16,
@@ -314,7 +314,9 @@ fn serial_ports_in(sys: &Path, dev: &Path) -> Vec<FoundPort> {
             let hex = |name: &str| u16::from_str_radix(&text(&usb.join(name)), 16).ok();
             let path = dev.join(&tty);
             Some(FoundPort {
-                by_id: link_to(&dev.join("serial/by-id"), &path),
+                by_id: ["serial/by-id", "ft-capture"]
+                    .iter()
+                    .find_map(|folder| link_to(&dev.join(folder), &path)),
                 vendor: hex("idVendor")?,
                 product: hex("idProduct")?,
                 manufacturer: text(&usb.join("manufacturer")),

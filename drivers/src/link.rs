@@ -71,6 +71,18 @@ pub enum LinkError {
         /// The port as it was opened.
         port: String,
     },
+    /// Another device of the same make is where it was.
+    #[error(
+        "{port}: the device there has serial number {there}, the one that was there had {wanted}: plug that one in"
+    )]
+    Other {
+        /// The port as it was configured.
+        port: String,
+        /// Serial number of the device there.
+        there: String,
+        /// Serial number of the one that was there before.
+        wanted: String,
+    },
     /// The network interface is not up.
     #[error("{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100")]
     Down {

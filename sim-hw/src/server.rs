@@ -1,8 +1,11 @@
-//! The simulated devices in real time: serial devices on pseudo-terminals, CAN on a `vcan` interface or in the process.
+//! The simulated devices in real time: serial devices on pseudo-terminals or USB gadgets, CAN on a `vcan` interface or in
+//! the process.
 
+mod gadget;
 mod pty;
 mod vcan;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver};
@@ -13,6 +16,7 @@ use std::time::Duration;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
+use self::gadget::Gadget;
 use self::pty::Pty;
 use self::vcan::Vcan;
 use crate::bus::Port as LinkPort;
@@ -27,6 +31,8 @@ use crate::truth::Truth;
 pub struct ServeOptions {
     /// An existing CAN interface (`vcan0`) for devices on CAN; without it they are reachable in this process only.
     pub vcan: Option<String>,
+    /// The device's side of a USB gadget (`/dev/ttyGS0`) for the serial devices named; the others get pseudo-terminals.
+    pub gadgets: BTreeMap<String, PathBuf>,
 }
 
 /// Where a device can be opened.
@@ -35,6 +41,8 @@ pub struct ServeOptions {
 pub enum Port {
     /// A serial device, to be opened like any other.
     Pty(PathBuf),
+    /// The host's side of the USB gadget whose device's side this is.
+    Gadget(PathBuf),
     /// A CAN interface.
     SocketCan(String),
     /// [`Server::can_link`].
@@ -64,6 +72,16 @@ pub enum ServeError {
         device: String,
         /// The call that failed.
         call: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The device's side of a USB gadget cannot be opened.
+    #[error(
+        "cannot open the gadget's side {path}: load usb_f_acm and make a gadget with an acm function"
+    )]
+    Gadget {
+        /// The terminal.
+        path: PathBuf,
         /// What the system said.
         source: std::io::Error,
     },
@@ -114,6 +132,10 @@ enum Outlet {
         pty: Pty,
         port: Arc<LinkPort<Chunk>>,
     },
+    Gadget {
+        gadget: Gadget,
+        port: Arc<LinkPort<Chunk>>,
+    },
     Vcan {
         bus: Vcan,
         port: Arc<LinkPort<CanFrame>>,
@@ -138,6 +160,14 @@ impl Server {
         for slot in simulation.slots() {
             let fitted = slot.fitted.clone();
             let port = match (&slot.kind, &options.vcan) {
+                (SlotKind::Serial(wired), _) if options.gadgets.contains_key(&fitted.name) => {
+                    let path = &options.gadgets[&fitted.name];
+                    outlets.push(Outlet::Gadget {
+                        gadget: Gadget::open(path)?,
+                        port: wired.port.clone(),
+                    });
+                    Port::Gadget(path.clone())
+                }
                 (SlotKind::Serial(wired), _) => {
                     let pty = Pty::open(&fitted)?;
                     let path = pty.path().to_owned();
@@ -295,6 +325,7 @@ impl Outlet {
     fn take_from_host(&mut self) {
         match self {
             Self::Pty { pty, port } => pty.read(|chunk| port.send(chunk)),
+            Self::Gadget { gadget, port } => gadget.read(|chunk| port.send(chunk)),
             Self::Vcan { bus, port } => bus.read(|frame| port.send(frame)),
         }
     }
@@ -304,6 +335,11 @@ impl Outlet {
             Self::Pty { pty, port } => {
                 while let Some((_, chunk)) = port.take_to_host(now) {
                     pty.write(chunk.as_slice(), port.line_rate());
+                }
+            }
+            Self::Gadget { gadget, port } => {
+                while let Some((_, chunk)) = port.take_to_host(now) {
+                    gadget.write(chunk.as_slice());
                 }
             }
             Self::Vcan { bus, port } => {
@@ -316,7 +352,7 @@ impl Outlet {
 
     fn next_to_host(&self) -> Option<HostTime> {
         match self {
-            Self::Pty { port, .. } => port.next_to_host(),
+            Self::Pty { port, .. } | Self::Gadget { port, .. } => port.next_to_host(),
             Self::Vcan { port, .. } => port.next_to_host(),
         }
     }
@@ -324,6 +360,7 @@ impl Outlet {
     fn dropped(&self) -> u64 {
         match self {
             Self::Pty { pty, .. } => pty.dropped(),
+            Self::Gadget { .. } => 0,
             Self::Vcan { bus, .. } => bus.dropped(),
         }
     }

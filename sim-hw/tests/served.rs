@@ -174,6 +174,7 @@ fn a_can_interface_that_is_not_there_is_named_with_what_to_do() {
     let scenario = Scenario::builtin("metal_door").unwrap();
     let options = ServeOptions {
         vcan: Some("vcan_none".to_owned()),
+        ..ServeOptions::default()
     };
     let error =
         Server::start(&scenario, 1, None, MonotonicClock::anchored_now(), options).unwrap_err();

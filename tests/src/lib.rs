@@ -3,6 +3,7 @@
 use std::io::Write as _;
 pub mod bias;
 pub mod control;
+pub mod lab;
 pub mod peers;
 pub mod programs;
 pub mod sealed;

@@ -103,39 +103,38 @@ pub fn chromium(test: &str) -> Option<PathBuf> {
     }
 }
 
-fn find_chromium(install: bool) -> Result<PathBuf, String> {
+fn find_chromium(may_install: bool) -> Result<PathBuf, String> {
     if let Some(named) = std::env::var_os("FT_CHROMIUM") {
         return Ok(PathBuf::from(named));
     }
     if let Some(found) = chromium_on_path() {
         return Ok(found);
     }
-    if !install {
+    if !may_install {
         return Err(
             "there is no Chromium (apt-get install chromium, or name one in FT_CHROMIUM)"
                 .to_owned(),
         );
     }
-    let lock = std::fs::File::create(workspace_root().join("target/chromium.lock"))
+    install(&["chromium"])?;
+    chromium_on_path().ok_or_else(|| "apt installed no Chromium".to_owned())
+}
+
+/// Installs packages of the system with apt, one test program at a time.
+pub(crate) fn install(packages: &[&str]) -> Result<(), String> {
+    let lock = std::fs::File::create(workspace_root().join("target/apt.lock"))
         .map_err(|error| error.to_string())?;
     lock.lock().map_err(|error| error.to_string())?;
-    for arguments in [
-        vec!["update", "-qq"],
-        vec![
-            "install",
-            "-qq",
-            "-y",
-            "--no-install-recommends",
-            "chromium",
-        ],
-    ] {
+    let mut install = vec!["install", "-qq", "-y", "--no-install-recommends"];
+    install.extend(packages);
+    for arguments in [vec!["update", "-qq"], install] {
         succeed(
             Command::new("apt-get")
                 .args(arguments)
                 .env("DEBIAN_FRONTEND", "noninteractive"),
         )?;
     }
-    chromium_on_path().ok_or_else(|| "apt installed no Chromium".to_owned())
+    Ok(())
 }
 
 fn chromium_on_path() -> Option<PathBuf> {

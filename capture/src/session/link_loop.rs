@@ -51,6 +51,8 @@ impl<I: Intake> LinkThread<I> {
                 return;
             };
             before = before + pump.counts();
+            // A dead port that is still open keeps its name from the device that comes back.
+            drop(pump);
             self.report(DeviceEvent::Lost {
                 reason: with_cause(&error),
             });

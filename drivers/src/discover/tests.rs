@@ -234,29 +234,26 @@ fn a_port_is_found_again_by_its_serial_number_under_another_name() {
     let mut remembered = RememberedPort::new(first);
     let [mine, other] = ["A1", "B2"];
     let at = |path: &Path, serial: &str| port(path.to_str().unwrap(), serial);
-    assert_eq!(
-        remembered.path_among(&[at(first, mine), at(second, other)]),
-        first
-    );
+    let mut path = |ports: &[FoundPort]| remembered.path_among(ports);
+    assert_eq!(path(&[at(first, mine), at(second, other)]).unwrap(), first);
     // Replugged in the other order.
+    assert_eq!(path(&[at(first, other), at(second, mine)]).unwrap(), second);
+    assert_eq!(path(&[]).unwrap(), first, "none is in");
+    assert_eq!(path(&[at(first, mine)]).unwrap(), first);
+    let refused = path(&[at(first, other)]).unwrap_err().to_string();
     assert_eq!(
-        remembered.path_among(&[at(first, other), at(second, mine)]),
-        second
+        refused,
+        "/dev/ttyFT90: the device there has serial number B2, the one that was there had A1: plug that one in"
     );
-    assert_eq!(
-        remembered.path_among(&[at(first, other)]),
-        first,
-        "mine is out"
-    );
-    assert_eq!(remembered.path_among(&[at(first, mine)]), first);
 }
 
 #[test]
 fn a_port_without_a_serial_number_stays_at_its_name() {
     let first = Path::new("/dev/ttyFT90");
     let mut remembered = RememberedPort::new(first);
-    assert_eq!(remembered.path_among(&[port("/dev/ttyFT90", "")]), first);
-    assert_eq!(remembered.path_among(&[port("/dev/ttyFT91", "")]), first);
+    for found in [port("/dev/ttyFT90", ""), port("/dev/ttyFT91", "")] {
+        assert_eq!(remembered.path_among(&[found]).unwrap(), first);
+    }
 }
 
 #[test]

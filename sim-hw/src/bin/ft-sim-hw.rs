@@ -22,6 +22,7 @@ Examples:
   ft-sim-hw serve wood_door
   ft-sim-hw serve oven_door --vcan vcan0 --seed 7
   ft-sim-hw serve wood_door --sensor optoforce_serial --gripper amt21
+  ft-sim-hw serve wood_door --gadget ft_sensor=/dev/ttyGS0
   ft-sim-hw serve my_door.toml --duration 30 --truth truth.json
   ft-sim-hw sealed --seed 1000 --count 20 -o draws
   ft-capture --sim draws/0001/main.toml --speed max -o main.mcap
@@ -57,6 +58,9 @@ enum Command {
         /// An existing CAN interface for devices on CAN.
         #[arg(long, value_name = "INTERFACE")]
         vcan: Option<String>,
+        /// The device's side of a USB gadget for a serial device, such as ft_sensor=/dev/ttyGS0; may be given several times.
+        #[arg(long, value_name = "DEVICE=TTY", value_parser = gadget)]
+        gadget: Vec<(String, PathBuf)>,
         /// Writes what is really so into this file (JSON); an existing one is refused.
         #[arg(long, value_name = "FILE")]
         truth: Option<PathBuf>,
@@ -102,6 +106,14 @@ fn probability(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("{text:?} is not a number from 0 to 1"))
 }
 
+/// `ft_sensor=/dev/ttyGS0`.
+fn gadget(text: &str) -> Result<(String, PathBuf), String> {
+    let (device, tty) = text
+        .split_once('=')
+        .ok_or_else(|| format!("{text:?} is not DEVICE=TTY"))?;
+    Ok((device.to_owned(), PathBuf::from(tty)))
+}
+
 /// `30`, `30s` or `1.5`.
 fn seconds(text: &str) -> Result<Duration, String> {
     let number: f64 = text
@@ -124,6 +136,7 @@ fn main() -> ExitCode {
             gripper,
             duration,
             vcan,
+            gadget,
             truth,
         } => Scenario::load(&scenario)
             .map(|scenario| with_devices(scenario, sensor.as_deref(), gripper.as_deref()))
@@ -131,7 +144,11 @@ fn main() -> ExitCode {
                 ScenarioError::UnknownName { .. } => (2, error.to_string()),
                 _ => failed(&error),
             })
-            .and_then(|scenario| serve(&scenario, seed, duration, vcan, truth)),
+            .and_then(|scenario| {
+                let gadgets = gadget.into_iter().collect();
+                let options = ServeOptions { vcan, gadgets };
+                serve(&scenario, seed, duration, options, truth)
+            }),
     };
     match result {
         Ok(code) => code,
@@ -220,7 +237,7 @@ fn serve(
     scenario: &Scenario,
     seed: u64,
     duration: Option<Duration>,
-    vcan: Option<String>,
+    options: ServeOptions,
     truth: Option<PathBuf>,
 ) -> Outcome {
     let interrupted = Arc::new(AtomicBool::new(false));
@@ -228,8 +245,8 @@ fn serve(
         signal_hook::flag::register(signal, interrupted.clone()).map_err(|error| failed(&error))?;
     }
     let clock = MonotonicClock::anchored_now();
-    let mut server = Server::start(scenario, seed, duration, clock, ServeOptions { vcan })
-        .map_err(|error| match error {
+    let mut server =
+        Server::start(scenario, seed, duration, clock, options).map_err(|error| match error {
             ServeError::Scenario(ScenarioError::TooShort { .. }) => (2, error.to_string()),
             _ => failed(&error),
         })?;
@@ -272,6 +289,7 @@ fn print_ports(scenario: &Scenario, server: &Server) {
     for served in server.ports() {
         let port = match &served.port {
             Port::Pty(path) => path.display().to_string(),
+            Port::Gadget(path) => format!("the host's side of {}", path.display()),
             Port::SocketCan(interface) => interface.clone(),
             _ => "not reachable: give --vcan INTERFACE".to_owned(),
         };

@@ -35,6 +35,7 @@ fn simulated_live(
     let clock = MonotonicClock::anchored_now();
     let options = ServeOptions {
         vcan: arguments.vcan.clone(),
+        ..ServeOptions::default()
     };
     let server = Server::start(
         &scenario,

@@ -1,0 +1,170 @@
+//! Drivers on a CAN interface of the kernel.
+
+use std::sync::Once;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use ft_drivers::link::socketcan::{CanErrors, SocketCanLink};
+use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
+use ft_sim_hw::ServeOptions;
+use socketcan::frame::can_frame_default;
+use socketcan::{CanErrorFrame, CanSocket, EmbeddedFrame as _, Socket as _, StandardId};
+
+use crate::Case;
+use crate::hear::{Played, hear};
+use crate::machine::{load, run};
+
+pub(crate) const CASES: &[Case] = &[
+    ("can_robotous", can_robotous),
+    ("can_optoforce", can_optoforce),
+    ("can_ati", can_ati),
+    (
+        "can_flooded_bus_costs_no_sample",
+        can_flooded_bus_costs_no_sample,
+    ),
+    (
+        "can_error_frames_are_counted_by_class",
+        can_error_frames_are_counted_by_class,
+    ),
+    ("can_bus_off_ends_the_link", can_bus_off_ends_the_link),
+    (
+        "can_interface_that_is_down_says_so",
+        can_interface_that_is_down_says_so,
+    ),
+    ("can_nobody_acknowledges", can_nobody_acknowledges),
+];
+
+/// A virtual bus that is up.
+pub(crate) fn bus() -> &'static str {
+    static MADE: Once = Once::new();
+    MADE.call_once(|| {
+        for module in ["vcan", "can_raw"] {
+            load(module);
+        }
+        run("ip link add vcan0 type vcan");
+    });
+    run("ip link set vcan0 up");
+    "vcan0"
+}
+
+pub(crate) fn played(driver: &str, rate_hz: f64) -> Played {
+    let options = ServeOptions {
+        vcan: Some(bus().to_owned()),
+        ..ServeOptions::default()
+    };
+    Played::with_sensor(driver, rate_hz, options, |_| bus().to_owned())
+}
+
+fn can_robotous() {
+    played("robotous_can", 200.0)
+        .weighs_the_tool(300)
+        .is_nearly_whole();
+}
+
+fn can_optoforce() {
+    played("optoforce_can", 333.0)
+        .weighs_the_tool(300)
+        .is_nearly_whole();
+}
+
+fn can_ati() {
+    played("ati_netcanoem", 100.0)
+        .weighs_the_tool(150)
+        .is_nearly_whole();
+}
+
+/// Frames that nobody asked for, as fast as the kernel takes them: other ids, long ids, and the driver's own data id cut short.
+fn can_flooded_bus_costs_no_sample() {
+    let played = played("robotous_can", 200.0);
+    let stop = AtomicBool::new(false);
+    let (heard, flood) = std::thread::scope(|scope| {
+        let flood = scope.spawn(|| {
+            let socket = CanSocket::open(bus()).unwrap();
+            let clock = MonotonicClock::anchored_now();
+            let mut sent = 0_u64;
+            while !stop.load(Ordering::Relaxed) {
+                for id in [0x123, 0x7FF, 0x003] {
+                    let id = StandardId::new(id).unwrap();
+                    let frame = socketcan::CanFrame::new(id, &[0x0B; 8]).unwrap();
+                    sent += u64::from(socket.write_frame(&frame).is_ok());
+                }
+                clock.wait_until(clock.now() + Duration::from_micros(300));
+            }
+            sent
+        });
+        let heard =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| played.weighs_the_tool(400)));
+        stop.store(true, Ordering::Relaxed);
+        let flood = flood.join().unwrap();
+        (
+            heard.unwrap_or_else(|cause| std::panic::resume_unwind(cause)),
+            flood,
+        )
+    });
+    heard.is_nearly_whole();
+    assert!(flood > 2_000, "only {flood} foreign frames");
+}
+
+/// Writes an error frame of these classes, as a controller's driver would.
+pub(crate) fn complain(classes: u32) {
+    const ERROR: u32 = 0x2000_0000;
+    let mut raw = can_frame_default();
+    raw.can_id = ERROR | classes;
+    raw.can_dlc = 8;
+    let frame = CanErrorFrame::try_from(raw).unwrap();
+    CanSocket::open(bus()).unwrap().write_frame(&frame).unwrap();
+}
+
+fn link() -> (SocketCanLink, MonotonicClock) {
+    let clock = MonotonicClock::anchored_now();
+    (SocketCanLink::open(bus(), &[], clock).unwrap(), clock)
+}
+
+fn can_error_frames_are_counted_by_class() {
+    let (mut link, clock) = link();
+    // Not acknowledged, a protocol error, restarted after bus-off.
+    for classes in [0x20, 0x08, 0x100] {
+        complain(classes);
+    }
+    let came = link.recv(clock.now() + Duration::from_millis(300)).unwrap();
+    assert!(came.is_none(), "an error frame is no data: {came:?}");
+    let counted = CanErrors {
+        frames: 3,
+        no_acknowledge: 1,
+        restarted: 1,
+    };
+    assert_eq!(link.errors(), counted);
+    let notice = link.take_notice().unwrap();
+    assert!(notice.contains("3 error frames"), "{notice}");
+}
+
+fn can_bus_off_ends_the_link() {
+    let (mut link, clock) = link();
+    complain(0x40);
+    let ended = link.recv(clock.now() + Duration::from_millis(300));
+    assert!(matches!(ended, Err(LinkError::BusOff { .. })), "{ended:?}");
+    // Opened again it works.
+    let played = played("robotous_can", 200.0);
+    hear(played.device("ft_sensor"), 20).unwrap();
+}
+
+fn can_interface_that_is_down_says_so() {
+    let (mut link, clock) = link();
+    run("ip link set vcan0 down");
+    let ended = link.recv(clock.now() + Duration::from_millis(300));
+    assert!(matches!(ended, Err(LinkError::Down { .. })), "{ended:?}");
+}
+
+/// A queue that is never emptied is what a controller without a partner looks like from above.
+fn can_nobody_acknowledges() {
+    load("sch_netem");
+    let (mut link, _) = link();
+    run("tc qdisc add dev vcan0 root netem delay 100s limit 1");
+    let frame = ft_wire::CanFrame::standard(0x64, &[0x0C; 8]).unwrap();
+    let refused = (0..4).find_map(|_| link.send(&frame).err());
+    run("tc qdisc del dev vcan0 root");
+    assert!(
+        matches!(refused, Some(LinkError::NoAcknowledge { .. })),
+        "{refused:?}"
+    );
+}
