@@ -262,3 +262,172 @@ fn a_still_wrench_is_not_aligned_with_moving_glasses() {
         "{message}"
     );
 }
+
+/// A made-up trajectory of 5 s at 100 Hz, one of its columns left out.
+fn made_up(without: &str) -> String {
+    let columns = [
+        "graph_uid",
+        "tracking_timestamp_us",
+        "utc_timestamp_ns",
+        "tx_world_device",
+        "ty_world_device",
+        "tz_world_device",
+        "qx_world_device",
+        "qy_world_device",
+        "qz_world_device",
+        "qw_world_device",
+        "quality_score",
+    ];
+    let row = |k: i64| -> Vec<(&str, String)> {
+        let values = [
+            "a".to_owned(),
+            (7_000_000 + 10_000 * k).to_string(),
+            "-1".to_owned(),
+            format!("{}", 1e-3 * k as f64),
+            "0".to_owned(),
+            "0".to_owned(),
+            "0".to_owned(),
+            "0".to_owned(),
+            "0".to_owned(),
+            "1".to_owned(),
+            if k < 100 { "0.2" } else { "1.0" }.to_owned(),
+        ];
+        columns.into_iter().zip(values).collect()
+    };
+    let kept = |row: Vec<(&str, String)>| {
+        let kept = row.into_iter().filter(|(name, _)| *name != without);
+        kept.map(|(_, value)| value).collect::<Vec<_>>().join(",")
+    };
+    let header = columns.map(|name| (name, name.to_owned())).to_vec();
+    let rows = (0..500).map(|k| kept(row(k)));
+    let lines: Vec<String> = std::iter::once(kept(header)).chain(rows).collect();
+    lines.join("\r\n")
+}
+
+#[test]
+fn what_an_mps_folder_lacks_or_has_wrong_is_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (source, out) = (scratch.path().join("a.mcap"), scratch.path().join("b.mcap"));
+    wrench_recording(&source, HostTime::from_nanos(1_700_000_000_000_000_000));
+    let slam = scratch.path().join("mps/slam");
+    std::fs::create_dir_all(&slam).unwrap();
+    let options = AriaOptions {
+        align: false,
+        starts_at_s: Some(1.0),
+        overwrite: true,
+        ..AriaOptions::default()
+    };
+    let import =
+        |options: &AriaOptions| import_aria(&source, slam.parent().unwrap(), &out, options);
+    let refusal = |wanted: &str| {
+        let text = import(&options).unwrap_err().to_string();
+        assert!(text.contains(wanted), "{text}");
+    };
+    refusal("neither closed_loop_trajectory.csv nor open_loop_trajectory.csv");
+    let file = slam.join("closed_loop_trajectory.csv");
+    for (text, wanted) in [
+        (String::new(), "closed_loop_trajectory.csv: it is empty"),
+        (
+            made_up("").lines().take(1).collect(),
+            "0 of 0 rows are usable",
+        ),
+        (made_up("qw_world_device"), "no column qw_world_device"),
+        (
+            made_up("tracking_timestamp_us"),
+            "no column tracking_timestamp_us",
+        ),
+        (
+            made_up("").replace("0.25,0", "what,0"),
+            "tx_world_device is \"what\"",
+        ),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        refusal(wanted);
+    }
+    // Columns that say more than where the glasses were may be missing, and what is only reported may be wrong.
+    for without in ["quality_score", "graph_uid", "utc_timestamp_ns"] {
+        std::fs::write(&file, made_up(without)).unwrap();
+        assert_eq!(import(&options).unwrap().poses, 500, "{without}");
+    }
+    std::fs::write(
+        slam.join("online_calibration.jsonl"),
+        "{\"ImuCalibrations\": []}\n{oh",
+    )
+    .unwrap();
+    std::fs::write(&file, made_up("")).unwrap();
+    let report = import(&options).unwrap();
+    assert!(
+        report.not_read.as_ref().unwrap().contains("line 2"),
+        "{report}"
+    );
+    assert_eq!((report.poses, report.counts.doubtful), (500, 100));
+    assert!(
+        report
+            .to_string()
+            .contains("100 poses of a quality below 0.5 kept"),
+        "{report}"
+    );
+    let strict = AriaOptions {
+        min_quality: 0.5,
+        ..options.clone()
+    };
+    let report = import(&strict).unwrap();
+    assert_eq!(
+        (
+            report.poses,
+            report.counts.low_quality,
+            report.counts.doubtful
+        ),
+        (400, 100, 0)
+    );
+}
+
+#[test]
+fn a_wrench_of_another_name_is_taken_by_a_map() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    let start = HostTime::from_nanos(1_700_000_000_000_000_000);
+    let messages = (0..3_000_i64).map(|k| {
+        let at = HostTime::from_nanos(start.as_nanos() + k * 1_000_000);
+        let stamps = MessageStamps {
+            log_time: at,
+            publish_time: at,
+        };
+        let message = WrenchStamped {
+            header: Header::new(at, "ft_sensor"),
+            wrench: [0.0; 6].into(),
+        };
+        (stamps, message)
+    });
+    let mut theirs = Rewrite::new();
+    theirs.add("/their/wrench", Qos::SENSOR, messages);
+    theirs.write(None, &path("theirs.mcap"), true).unwrap();
+    std::fs::write(path("closed_loop_trajectory.csv"), made_up("")).unwrap();
+    let map = TopicMap::from_arguments(["/their/wrench=/ft/wrench"]).unwrap();
+    let options = AriaOptions {
+        align: false,
+        starts_at_s: Some(0.5),
+        frames: Some(frames()),
+        map: map.clone(),
+        ..AriaOptions::default()
+    };
+    let trajectory = path("closed_loop_trajectory.csv");
+    import_aria(&path("theirs.mcap"), &trajectory, &path("b.mcap"), &options).unwrap();
+    assert_eq!(
+        Recording::load(&path("b.mcap"), &map).unwrap().wrench.len(),
+        3_000
+    );
+    // `check` reads it by the same map, and says what the map names in vain.
+    let plain = check::check(&path("b.mcap")).unwrap();
+    assert_eq!(plain.verdict, check::Verdict::Unusable, "{plain}");
+    let mapped = check::check_mapped(&path("b.mcap"), &map).unwrap();
+    assert_eq!(mapped.topics["/ft/wrench"].messages, 3_000, "{mapped}");
+    let vain = TopicMap::from_arguments(["/no/such=/ft/wrench"]).unwrap();
+    let text = check::check_mapped(&path("b.mcap"), &vain)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        text.contains("/no/such") && text.contains("/their/wrench"),
+        "{text}"
+    );
+}

@@ -117,6 +117,70 @@ fn a_zipped_tree_comes_back_to_the_same_joint_and_parameters() {
 }
 
 #[test]
+fn a_tree_of_another_style_is_the_same_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = folder.path().join("original.mcap");
+    let _ = record("drawer_light", 34, &original);
+    let (plain, other) = (folder.path().join("plain"), folder.path().join("other"));
+    if !write_tree(&original, &plain, ("bath", "4-4"), false) {
+        return;
+    }
+    let script = workspace_root().join("tests/peers/restyle_hoi.py");
+    let names = ["bath", "4-4", "living_room_2", "10-12"];
+    let mut restyle = Command::new("python3");
+    let status = restyle.arg(script).args([&plain, &other]).args(names);
+    assert!(status.status().unwrap().success());
+    let [a, b] = [("a.mcap", &plain), ("b.mcap", &other)].map(|(name, base)| {
+        let out = folder.path().join(name);
+        let report = import(base, &out);
+        (report, Recording::load(&out, &TopicMap::default()).unwrap())
+    });
+    println!("simulated: {}", b.0);
+    assert_eq!(
+        (a.0.name.as_str(), b.0.name.as_str()),
+        ("bath_4-4", "living_room_2_10-12")
+    );
+    assert_eq!((a.0.left_out, b.0.left_out), (0, 2));
+    assert_eq!(a.1.wrench, b.1.wrench);
+    assert_eq!(a.1.pose, b.1.pose);
+    assert_eq!(a.1.calibration, b.1.calibration);
+    for (a, b) in [
+        (&a.1.aria_device_from_tcp, &b.1.aria_device_from_tcp),
+        (&a.1.tcp_from_ft_sensor, &b.1.tcp_from_ft_sensor),
+    ] {
+        let apart = a.inverse().then(b).position;
+        assert!(apart.iter().all(|m| m.abs() < 1e-9), "{apart:?}");
+    }
+    // The temperature is in the first tree only, the sensor's gyroscope in the second.
+    let lacks =
+        |report: &HoiReport, what: &str| report.missing.iter().any(|text| text.contains(what));
+    assert!(!lacks(&a.0, "temperature/data.csv") && lacks(&b.0, "temperature/data.csv"));
+    assert!(lacks(&a.0, "imu/data.csv") && !lacks(&b.0, "imu/data.csv"));
+
+    // From inside the tree, by a path without a name.
+    let inside = other.join("extracted/living_room_2/gripper/gripper");
+    programs::run(
+        "ft-capture",
+        &["import-hoi", ".", "-o", "../c.mcap"],
+        &inside,
+    )
+    .expect_code(0);
+    assert!(inside.join("../c.mcap").is_file());
+    // A zip that was cut short is named.
+    let zip = inside.join("living_room_2_10-12_gripper_bag/force_torque.zip");
+    let bytes = std::fs::read(&zip).unwrap();
+    std::fs::write(&zip, &bytes[..bytes.len() / 2]).unwrap();
+    let out = folder.path().join("d.mcap");
+    let text = import_part(&parts(&other).unwrap()[0], &out, false)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        text.contains("force_torque.zip") && text.contains("cut short"),
+        "{text}"
+    );
+}
+
+#[test]
 fn what_a_tree_lacks_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let text = parts(folder.path()).unwrap_err().to_string();

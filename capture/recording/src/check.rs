@@ -2,7 +2,7 @@
 //!
 //! Stamps are `header.stamp` where the type has one, else the publish time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -11,15 +11,18 @@ use serde::Serialize;
 
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
-use crate::message::{
-    DiagnosticArray, JointState, Message, PoseStamped, Temperature, WrenchStamped,
-};
+use crate::error::TopicList;
+use crate::message::{JointState, Message, PoseStamped, Temperature, WrenchStamped};
 use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
+use crate::recording::TopicMap;
 use crate::recover::loss_before_recovery;
 use crate::{metadata, topic};
 
+mod clocks;
 mod stream;
 
+pub use clocks::ClockReport;
+use clocks::Clocks;
 use stream::Stream;
 pub use stream::TopicReport;
 
@@ -67,17 +70,6 @@ pub struct Report {
     pub reasons: Vec<String>,
 }
 
-/// How a device's clock stood to the host's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct ClockReport {
-    /// How much faster the host's clock runs, parts per million, at the end.
-    pub skew_ppm: f64,
-    /// Uncertainty of the translated stamps at the end, one standard deviation, us.
-    pub spread_us: f64,
-    /// The largest uncertainty after the first 10 s of the recording, us; 0 in a shorter one.
-    pub largest_spread_us: f64,
-}
-
 /// Whether a metadata record is there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -118,8 +110,16 @@ impl Report {
 /// # Errors
 /// When the file cannot be read or is no MCAP. Damage is not an error but part of the report.
 pub fn check(path: &Path) -> Result<Report, ReadError> {
+    check_mapped(path, &TopicMap::default())
+}
+
+/// As [`check`], for a recording whose topics have other names; the report has the names of the contract.
+///
+/// # Errors
+/// As [`check`], and when `map` names a topic that is not there.
+pub fn check_mapped(path: &Path, map: &TopicMap) -> Result<Report, ReadError> {
     let mut reader = RecordReader::open(path)?;
-    let mut survey = Survey::default();
+    let mut survey = Survey::new(map);
     while let Some(record) = reader.next_record()? {
         survey.take(record);
     }
@@ -134,6 +134,19 @@ pub fn check(path: &Path) -> Result<Report, ReadError> {
         .into_iter()
         .map(|(topic, stream)| (topic, stream.report(span)))
         .collect();
+    if let Some(topic) = map.sources().find(|from| !survey.seen.contains(*from)) {
+        let topics = topics
+            .iter()
+            .map(|(topic, report)| (topic.clone(), report.kind.clone(), report.messages));
+        return Err(ReadError::MapFrom {
+            path: path.to_owned(),
+            topic: topic.to_owned(),
+            topics: TopicList {
+                topics: topics.collect(),
+                damage: None,
+            },
+        });
+    }
     let mut report = Report {
         path: path.to_owned(),
         bytes: reader.length(),
@@ -167,7 +180,10 @@ fn span(streams: &BTreeMap<String, Stream>) -> Option<(HostTime, HostTime)> {
     over(false).or_else(|| over(true))
 }
 
-struct Survey {
+struct Survey<'a> {
+    map: &'a TopicMap,
+    /// Topics as the file calls them.
+    seen: BTreeSet<String>,
     profile: String,
     library: String,
     schemas: BTreeMap<u16, Schema>,
@@ -181,9 +197,11 @@ struct Survey {
     recovered: Option<String>,
 }
 
-impl Default for Survey {
-    fn default() -> Self {
+impl<'a> Survey<'a> {
+    fn new(map: &'a TopicMap) -> Self {
         Self {
+            map,
+            seen: BTreeSet::new(),
             profile: String::new(),
             library: String::new(),
             schemas: BTreeMap::new(),
@@ -199,7 +217,7 @@ impl Default for Survey {
     }
 }
 
-impl Survey {
+impl Survey<'_> {
     fn take(&mut self, record: Record<'_>) {
         match record {
             Record::Header { profile, library } => {
@@ -238,11 +256,17 @@ impl Survey {
             .get(&channel.schema_id)
             .map_or("", |schema| schema.name.as_str());
         let ours = self.library.starts_with("ft-capture ");
-        let stream = self.streams.entry(channel.topic.clone());
+        let topic = match self.map.resolve(&channel.topic) {
+            Some(topic) => topic.to_owned(),
+            // Another topic takes its place.
+            None => format!("{} (not taken)", channel.topic),
+        };
+        let stream = self.streams.entry(topic.clone());
         stream
             .or_insert_with(|| Stream::new(kind, &channel.message_encoding))
             .add_channel(channel.id, ours);
-        self.topics.insert(channel.id, channel.topic);
+        self.topics.insert(channel.id, topic);
+        self.seen.insert(channel.topic);
     }
 
     fn add_message(&mut self, message: RawMessage<'_>) {
@@ -255,40 +279,6 @@ impl Survey {
                 stream.add(message);
             }
             None => self.unknown.add(message.channel_id),
-        }
-    }
-}
-
-/// What `/diagnostics` says of device clocks.
-#[derive(Default)]
-struct Clocks {
-    clocks: BTreeMap<String, ClockReport>,
-    first_ns: Option<u64>,
-}
-
-/// Until then a clock's skew is not yet known, ns.
-const CLOCKS_SETTLE_NS: u64 = 10_000_000_000;
-
-impl Clocks {
-    fn take(&mut self, message: &RawMessage<'_>) {
-        let Ok(array) = DiagnosticArray::decode(message.data) else {
-            return;
-        };
-        let first_ns = *self.first_ns.get_or_insert(message.log_time);
-        for status in array.status {
-            let value = |key: &str| {
-                let pair = status.values.iter().find(|pair| pair.key == key)?;
-                pair.value.parse::<f64>().ok().filter(|v| v.is_finite())
-            };
-            let Some((skew_ppm, spread_ns)) = value("clock_skew_ppm").zip(value("clock_spread_ns"))
-            else {
-                continue;
-            };
-            let clock = self.clocks.entry(status.name.clone()).or_default();
-            (clock.skew_ppm, clock.spread_us) = (skew_ppm, 1e-3 * spread_ns);
-            if message.log_time.saturating_sub(first_ns) >= CLOCKS_SETTLE_NS {
-                clock.largest_spread_us = clock.largest_spread_us.max(clock.spread_us);
-            }
         }
     }
 }

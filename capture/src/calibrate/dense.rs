@@ -127,13 +127,15 @@ mod tests {
             // A natural spline has no bend at its ends.
             if [0.0, 0.79, 1.0, 1.99]
                 .iter()
-                .any(|end| (t - end).abs() < 0.04)
+                .any(|end| (t - end).abs() < 0.06)
             {
                 continue;
             }
+            // 5/384 of the fourth power of the step times the fourth derivative.
             let truth = path(t);
             for c in 0..3 {
-                assert!((sample.value.position[c] - truth.position[c]).abs() < 1e-6);
+                let error = (sample.value.position[c] - truth.position[c]).abs();
+                assert!(error < 1e-6, "{t}: {error}");
             }
             let dot: f64 = (0..4)
                 .map(|k| sample.value.quaternion[k] * truth.quaternion[k])

@@ -24,6 +24,48 @@ pub struct Found {
     pub bytes: Vec<u8>,
 }
 
+/// The bytes of a file, unpacked when it is packed with gzip.
+///
+/// # Errors
+/// It cannot be read, or what it holds is cut short or changed.
+///
+/// # Source
+/// RFC 1952, section 2.3.
+pub fn read(path: &Path) -> Result<Vec<u8>, ImportError> {
+    let bytes = std::fs::read(path).map_err(io("read", path))?;
+    if !bytes.starts_with(&[0x1f, 0x8b]) {
+        return Ok(bytes);
+    }
+    gunzip(&bytes).ok_or_else(|| ImportError::Content {
+        path: path.to_owned(),
+        reason: "it is packed with gzip and cut short or damaged; fetch it again".to_owned(),
+    })
+}
+
+fn gunzip(bytes: &[u8]) -> Option<Vec<u8>> {
+    let flags = *bytes.get(3)?;
+    if bytes.get(2) != Some(&8) {
+        return None;
+    }
+    let mut at = 10;
+    if flags & 4 != 0 {
+        at += 2 + usize::from(u16_at(bytes, at)?);
+    }
+    // The file's name and a comment, each ended by a zero.
+    for flag in [8, 16] {
+        if flags & flag != 0 {
+            at += bytes.get(at..)?.iter().position(|byte| *byte == 0)? + 1;
+        }
+    }
+    if flags & 2 != 0 {
+        at += 2;
+    }
+    let end = bytes.len().checked_sub(8)?;
+    let unpacked =
+        miniz_oxide::inflate::decompress_to_vec_with_limit(bytes.get(at..end)?, LIMIT).ok()?;
+    (u32_at(bytes, end)? == crc32fast::hash(&unpacked)).then_some(unpacked)
+}
+
 /// Finds `parts` below `folder`, in folders or in archives `<part>.zip`. In the last part a leading `*` stands for anything.
 ///
 /// # Errors
@@ -34,7 +76,7 @@ pub fn find(folder: &Path, parts: &[&str]) -> Result<Option<Found>, ImportError>
     };
     if rest.is_empty() {
         if let Some(path) = in_folder(folder, first)? {
-            let bytes = std::fs::read(&path).map_err(io("read", &path))?;
+            let bytes = read(&path)?;
             return Ok(Some(Found { path, bytes }));
         }
         return Ok(None);
@@ -314,6 +356,36 @@ mod tests {
         );
         let any = find(folder.path(), &["force", "wrench", "*ta.csv"]).unwrap();
         assert_eq!(any.unwrap().bytes, b"plain");
+    }
+
+    /// A gzip file with a name and a comment.
+    fn gzipped(data: &[u8]) -> Vec<u8> {
+        let mut bytes = vec![0x1f, 0x8b, 8, 8 | 16, 0, 0, 0, 0, 0, 3];
+        bytes.extend(b"data.csv\0a comment\0");
+        bytes.extend(miniz_oxide::deflate::compress_to_vec(data, 6));
+        bytes.extend(crc32fast::hash(data).to_le_bytes());
+        bytes.extend((data.len() as u32).to_le_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_file_packed_with_gzip_is_unpacked_or_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv.gz");
+        let (data, whole) = (b"a,b\n1,2\n".repeat(40), gzipped(&b"a,b\n1,2\n".repeat(40)));
+        std::fs::write(&path, &whole).unwrap();
+        assert_eq!(read(&path).unwrap(), data);
+        // The first two bytes make it one.
+        for cut in 2..whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            assert!(read(&path).is_err(), "{cut}");
+        }
+        for at in 2..whole.len() {
+            let mut wrong = whole.clone();
+            wrong[at] ^= 0x55;
+            std::fs::write(&path, &wrong).unwrap();
+            assert!(read(&path).is_err() || read(&path).unwrap() == data, "{at}");
+        }
     }
 
     #[test]

@@ -18,9 +18,13 @@ use ft_wire::HostTime;
 use ft_wire::frames::{Frame, World};
 use serde::Serialize;
 
+mod folder;
+
+use folder::MpsFolder;
+
+use super::ImportError;
 use super::clock_map::ClockMap;
 use super::mps::{SourceFile, Trajectory, TrajectoryCounts, TrajectoryKind};
-use super::{ImportError, io};
 use crate::calibrate::{Alignment, CalibrateOptions, align_recording};
 use crate::config::{Frames, StaticPose};
 use crate::encode::static_transforms;
@@ -40,6 +44,8 @@ pub struct AriaOptions {
     pub min_quality: f64,
     /// Take the open-loop trajectory even when there is a closed-loop one.
     pub open_loop: bool,
+    /// Topics of the source by other names.
+    pub map: TopicMap,
     /// Replace an existing recording.
     pub overwrite: bool,
 }
@@ -53,6 +59,7 @@ impl Default for AriaOptions {
             calibrate: CalibrateOptions::default(),
             min_quality: 0.0,
             open_loop: false,
+            map: TopicMap::default(),
             overwrite: false,
         }
     }
@@ -81,6 +88,8 @@ pub struct AriaReport {
     pub has_tcp: bool,
     /// Time offsets of the glasses' inertial sensors (online calibration), ms: least and largest by sensor.
     pub imu_offsets_ms: BTreeMap<String, [f64; 2]>,
+    /// What of the online calibration could not be read; it is only reported, so that this stops nothing.
+    pub not_read: Option<String>,
 }
 
 /// Writes `out`: the recording `source` with the poses of the trajectory in `mps`, a folder of MPS results or a file.
@@ -93,7 +102,7 @@ pub fn import_aria(
     out: &Path,
     options: &AriaOptions,
 ) -> Result<AriaReport, ImportError> {
-    let (mut recording, known) = Recording::load_without_pose(source, &TopicMap::default())?;
+    let (mut recording, known) = Recording::load_without_pose(source, &options.map)?;
     let folder = MpsFolder::find(mps)?;
     let path = folder.trajectory(options.open_loop)?;
     let trajectory = Trajectory::open(path, options.min_quality)?;
@@ -153,6 +162,7 @@ pub fn import_aria(
     for sample in &mut recording.pose.samples {
         sample.at = alignment.map_or(sample.at, |alignment| alignment.shifted(sample.at, start));
     }
+    let (imu_offsets_ms, not_read) = folder.imu_offsets();
     let report = AriaReport {
         path: out.to_owned(),
         sources: folder.hashes(source)?,
@@ -163,7 +173,8 @@ pub fn import_aria(
         begins_s,
         alignment,
         has_tcp: frames.is_some(),
-        imu_offsets_ms: folder.imu_offsets()?,
+        imu_offsets_ms,
+        not_read,
     };
     write(
         source,
@@ -297,133 +308,6 @@ impl HostMap {
     }
 }
 
-/// Files of an MPS folder.
-struct MpsFolder {
-    closed: Option<PathBuf>,
-    open: Option<PathBuf>,
-    calibration: Option<PathBuf>,
-    given: PathBuf,
-}
-
-impl MpsFolder {
-    /// `path` is a trajectory, its folder, or the folder above `slam/`.
-    fn find(path: &Path) -> Result<Self, ImportError> {
-        if !path.exists() {
-            return Err(io("find", path)(std::io::ErrorKind::NotFound.into()));
-        }
-        let is_open = |file: &Path| {
-            file.file_name()
-                .is_some_and(|name| name.to_string_lossy().starts_with("open_loop"))
-        };
-        if path.is_file() {
-            let (closed, open) = if is_open(path) {
-                (None, Some(path.to_owned()))
-            } else {
-                (Some(path.to_owned()), None)
-            };
-            return Ok(Self {
-                closed,
-                open,
-                calibration: None,
-                given: path.to_owned(),
-            });
-        }
-        let find = |name: &str| {
-            [
-                path.join(name),
-                path.join("slam").join(name),
-                path.join("trajectory").join(name),
-            ]
-            .into_iter()
-            .find(|file| file.is_file())
-        };
-        Ok(Self {
-            closed: find("closed_loop_trajectory.csv"),
-            open: find("open_loop_trajectory.csv"),
-            calibration: find("online_calibration.jsonl"),
-            given: path.to_owned(),
-        })
-    }
-
-    fn trajectory(&self, open_loop: bool) -> Result<&Path, ImportError> {
-        let wanted = if open_loop { &self.open } else { &self.closed };
-        let any = if open_loop { None } else { self.open.as_ref() };
-        wanted
-            .as_ref()
-            .or(any)
-            .map(PathBuf::as_path)
-            .ok_or_else(|| ImportError::Missing {
-                path: self.given.clone(),
-                missing: if open_loop {
-                    "no open_loop_trajectory.csv".to_owned()
-                } else {
-                    "neither closed_loop_trajectory.csv nor open_loop_trajectory.csv (also not in slam/)"
-                        .to_owned()
-                },
-                hint: "give the folder that MPS wrote for the glasses' recording",
-            })
-    }
-
-    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own.
-    fn utc_map(&self, trajectory: &Trajectory) -> Result<Option<ClockMap>, ImportError> {
-        if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind)
-            && let Some(map) = Trajectory::open(open, 0.0)?.utc_map()
-        {
-            return Ok(Some(map));
-        }
-        Ok(trajectory.utc_map())
-    }
-
-    fn hashes(&self, source: &Path) -> Result<Vec<SourceFile>, ImportError> {
-        [
-            Some(source),
-            self.closed.as_deref(),
-            self.open.as_deref(),
-            self.calibration.as_deref(),
-        ]
-        .into_iter()
-        .flatten()
-        .map(SourceFile::of)
-        .collect()
-    }
-
-    /// Time offsets of gyroscopes and accelerometers over the file, ms.
-    fn imu_offsets(&self) -> Result<BTreeMap<String, [f64; 2]>, ImportError> {
-        let mut offsets: BTreeMap<String, [f64; 2]> = BTreeMap::new();
-        let Some(path) = &self.calibration else {
-            return Ok(offsets);
-        };
-        let text = std::fs::read_to_string(path).map_err(io("read", path))?;
-        for (index, line) in text
-            .lines()
-            .enumerate()
-            .filter(|(_, line)| !line.trim().is_empty())
-        {
-            let value: serde_json::Value =
-                serde_json::from_str(line).map_err(|error| ImportError::Table {
-                    path: path.clone(),
-                    line: index as u64 + 1,
-                    reason: error.to_string(),
-                })?;
-            for imu in value["ImuCalibrations"].as_array().into_iter().flatten() {
-                let label = imu["Label"].as_str().unwrap_or("imu");
-                for (part, key) in [
-                    ("Gyroscope", "TimeOffsetSec_Device_Gyro"),
-                    ("Accelerometer", "TimeOffsetSec_Device_Accel"),
-                ] {
-                    let Some(ms) = imu[part][key].as_f64().map(|s| 1e3 * s) else {
-                        continue;
-                    };
-                    let name = format!("{label} {}", part.to_lowercase());
-                    let range = offsets.entry(name).or_insert([ms, ms]);
-                    *range = [range[0].min(ms), range[1].max(ms)];
-                }
-            }
-        }
-        Ok(offsets)
-    }
-}
-
 impl fmt::Display for AriaReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = &self.counts;
@@ -443,6 +327,23 @@ impl fmt::Display for AriaReport {
             counts.low_quality,
             counts.least_quality
         )?;
+        if counts.other_world > 0 {
+            writeln!(
+                f,
+                "{} poses of other worlds (graph_uid or session_uid) left out: they do not join the others",
+                counts.other_world
+            )?;
+        }
+        if counts.doubtful > 0 {
+            writeln!(
+                f,
+                "{} poses of a quality below 0.5 kept; --min-quality 0.5 leaves them out",
+                counts.doubtful
+            )?;
+        }
+        if let Some(text) = &self.not_read {
+            writeln!(f, "online calibration not read: {text}")?;
+        }
         if counts.turned_deg > 0.01 {
             writeln!(
                 f,

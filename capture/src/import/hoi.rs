@@ -13,6 +13,7 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
+mod pieces;
 mod report;
 mod weigh;
 
@@ -29,15 +30,12 @@ use ft_recording::{
 use ft_wire::HostTime;
 use ft_wire::frames::{Frame, FtSensor};
 
+use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
 use weigh::{free_air, quiet_bias};
 
-use super::archive::{Found, find};
-use super::aria::{add_poses, import_entries, static_pose};
-use super::matrix::{from_json, from_yaml};
-use super::mps::{SourceFile, Trajectory};
-use super::table::Table;
-use super::{ImportError, hex, io};
+use super::aria::{add_poses, import_entries};
+use super::{ImportError, io};
 use crate::calibrate::{Alignment, Calibrated};
 use crate::config::Frames;
 use crate::encode::static_transforms;
@@ -65,6 +63,8 @@ pub struct HoiPart {
 /// # Errors
 /// A folder cannot be listed, or there is none.
 pub fn parts(folder: &Path) -> Result<Vec<HoiPart>, ImportError> {
+    // `.` has no parent by name.
+    let folder = &folder.canonicalize().map_err(io("find", folder))?;
     let mut found = BTreeSet::new();
     if let (Some(name), Some(parent)) = (bag_name(folder), folder.parent()) {
         found.extend(parent.parent().map(|base| HoiPart {
@@ -105,13 +105,6 @@ fn bag_name(path: &Path) -> Option<String> {
     name.strip_suffix(BAG).map(str::to_owned)
 }
 
-/// Everything of one recording on its way in.
-struct Import<'a> {
-    part: &'a HoiPart,
-    sources: Vec<SourceFile>,
-    missing: Vec<String>,
-}
-
 /// Writes `out` from one recording of the dataset.
 ///
 /// # Errors
@@ -121,6 +114,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         part,
         sources: Vec::new(),
         missing: Vec::new(),
+        left_out: 0,
     };
     let wrench = import.wrench()?;
     let trajectory = import.trajectory()?;
@@ -189,6 +183,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             recording.wrench.len() as u64,
             recording.pose.samples.len() as u64,
         ],
+        left_out: import.left_out,
         counts: trajectory.counts,
         calibration: kind,
         alignment,
@@ -200,177 +195,6 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
 }
 
 impl Import<'_> {
-    fn note(&mut self, found: &Found) {
-        use sha2::{Digest as _, Sha256};
-        let name = found
-            .path
-            .strip_prefix(&self.part.base)
-            .unwrap_or(&found.path);
-        self.sources.push(SourceFile {
-            name: name.display().to_string(),
-            sha256: hex(&Sha256::digest(&found.bytes)),
-        });
-    }
-
-    fn look(
-        &mut self,
-        group: &str,
-        suffix: &str,
-        parts: &[&str],
-    ) -> Result<Option<Found>, ImportError> {
-        let folder = format!("{}{suffix}", self.part.name);
-        let mut path = vec![group, folder.as_str()];
-        path.extend(parts);
-        let found = find(&self.part.base, &path)?;
-        if let Some(found) = &found {
-            self.note(found);
-        }
-        Ok(found)
-    }
-
-    fn in_bag(&mut self, parts: &[&str]) -> Result<Option<Found>, ImportError> {
-        self.look("gripper", BAG, parts)
-    }
-
-    fn in_vrs(&mut self, parts: &[&str]) -> Result<Option<Found>, ImportError> {
-        self.look("aria_gripper", VRS, parts)
-    }
-
-    fn needed(&self, found: Option<Found>, what: &str) -> Result<Found, ImportError> {
-        found.ok_or_else(|| ImportError::Missing {
-            path: self.part.base.clone(),
-            missing: format!(
-                "no {what} of {}, neither as a folder nor in a zip",
-                self.part.name
-            ),
-            hint: "download this part of the dataset too",
-        })
-    }
-
-    fn wrench(&mut self) -> Result<Vec<Stamped<[f64; 6]>>, ImportError> {
-        let parts = [
-            "force_torque",
-            "ft_sensor0",
-            "ft_sensor_readings",
-            "wrench",
-            "data.csv",
-        ];
-        let found = self.in_bag(&parts)?;
-        let found = self.needed(found, &parts.join("/"))?;
-        let table = Table::from_bytes(&found.bytes, &found.path)?;
-        let time = table.column("timestamp")?;
-        let columns = table.columns([
-            "wrench.force.x",
-            "wrench.force.y",
-            "wrench.force.z",
-            "wrench.torque.x",
-            "wrench.torque.y",
-            "wrench.torque.z",
-        ])?;
-        let mut samples = Vec::with_capacity(table.len());
-        for row in 0..table.len() {
-            let value = table.numbers(row, columns)?;
-            if value.iter().all(|number| number.is_finite()) {
-                samples.push(Stamped {
-                    at: HostTime::from_nanos(table.integer(row, time)?),
-                    value,
-                });
-            }
-        }
-        samples.sort_by_key(|sample| sample.at);
-        samples.dedup_by_key(|sample| sample.at);
-        if samples.len() < 2 {
-            return Err(ImportError::Content {
-                path: found.path,
-                reason: format!("{} usable wrenches, need at least 2", samples.len()),
-            });
-        }
-        Ok(samples)
-    }
-
-    /// Nothing that is needed: what cannot be read of it is missing.
-    fn temperature(&mut self) -> Result<Vec<Stamped<f64>>, ImportError> {
-        let parts = [
-            "force_torque",
-            "ft_sensor0",
-            "ft_sensor_readings",
-            "temperature",
-            "data.csv",
-        ];
-        let what = format!("{}: no check of thermal drift", parts.join("/"));
-        let Some(found) = self.in_bag(&parts)? else {
-            self.missing.push(what);
-            return Ok(Vec::new());
-        };
-        let read = || {
-            let table = Table::from_bytes(&found.bytes, &found.path)?;
-            let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
-            let sample = |row| {
-                Ok(Stamped {
-                    at: HostTime::from_nanos(table.integer(row, time)?),
-                    value: table.number(row, value)?,
-                })
-            };
-            (0..table.len())
-                .map(sample)
-                .collect::<Result<Vec<_>, ImportError>>()
-        };
-        Ok(read().unwrap_or_else(|error| {
-            self.missing.push(format!("{what} ({error})"));
-            Vec::new()
-        }))
-    }
-
-    fn trajectory(&mut self) -> Result<Trajectory, ImportError> {
-        let parts = ["slam", "closed_loop_trajectory", "data.csv"];
-        let found = self.in_vrs(&parts)?;
-        let found = match found {
-            Some(found) => Some(found),
-            None => {
-                let aligned =
-                    self.in_vrs(&["slam", "closed_loop_trajectory_aligned", "data.csv"])?;
-                if aligned.is_some() {
-                    let text = "slam/closed_loop_trajectory: poses taken from closed_loop_trajectory_aligned, in the room scan's frame";
-                    self.missing.push(text.to_owned());
-                }
-                aligned
-            }
-        };
-        let found = self.needed(found, &parts.join("/"))?;
-        Trajectory::from_table(&Table::from_bytes(&found.bytes, &found.path)?, 0.0)
-    }
-
-    /// `T_device_tool = T_device_camera T_cam_imu T_i_tool`, and the same with `T_i_s`.
-    fn frames(&mut self) -> Result<Frames, ImportError> {
-        let camchain = self.in_bag(&["calib", "*camchain.yaml"])?;
-        let camchain = match camchain {
-            Some(found) => Some(found),
-            None => self.in_bag(&["calib", "*imucam.yaml"])?,
-        };
-        let camchain = self.needed(camchain, "calib/*camchain.yaml or calib/*imucam.yaml")?;
-        let imu = self.in_bag(&["calib", "*imu.yaml"])?;
-        let imu = self.needed(imu, "calib/*imu.yaml")?;
-        let json = self.in_vrs(&["calib", "calib.json"])?;
-        let json = self.needed(json, "calib/calib.json")?;
-        let text = |found: &Found| String::from_utf8_lossy(&found.bytes).into_owned();
-        let (chain, imu_text, json_text) = (text(&camchain), text(&imu), text(&json));
-        let device_from_camera = from_json(&json_text, "/NON_PINHOLE/T_device_camera", &json.path)?;
-        let mut camera_from_imu = from_yaml(&chain, "cam2", "T_cam_imu", &camchain.path);
-        if camera_from_imu.is_err()
-            && let Some(other) = self.in_bag(&["calib", "*imucam.yaml"])?
-        {
-            camera_from_imu = from_yaml(&text(&other), "cam2", "T_cam_imu", &other.path);
-        }
-        let device_from_imu = device_from_camera.then(&camera_from_imu?);
-        let of_imu = |key| from_yaml(&imu_text, "imu0", key, &imu.path);
-        let device_from_tool = device_from_imu.then(&of_imu("T_i_tool")?);
-        let device_from_sensor = device_from_imu.then(&of_imu("T_i_s")?);
-        Ok(Frames {
-            aria_device_from_tcp: static_pose(&device_from_tool),
-            tcp_from_ft_sensor: static_pose(&device_from_tool.inverse().then(&device_from_sensor)),
-        })
-    }
-
     fn refuse_apart(&self, recording: &Recording) -> Result<(), ImportError> {
         let span = |first: HostTime, last: HostTime| last.seconds_since(first);
         let (wrench, pose) = (&recording.wrench, &recording.pose.samples);

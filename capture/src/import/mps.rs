@@ -6,14 +6,15 @@
 //! # Source
 //! `facebookresearch/projectaria_tools` commit 90f70ff, the sample files in `data/gen1/mps_sample/trajectory`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use ft_recording::Pose7;
 use serde::Serialize;
 
-use super::clock_map::ClockMap;
-use super::table::Table;
-use super::{ImportError, io, sha256};
+use super::clock_map::{ClockMap, median};
+use super::table::{Column, Table};
+use super::{ImportError, sha256};
 
 /// Which trajectory a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -64,6 +65,10 @@ pub struct TrajectoryCounts {
     pub no_pose: u64,
     /// Rows of a quality below what was asked for: left out.
     pub low_quality: u64,
+    /// Rows in another world than the most: left out.
+    pub other_world: u64,
+    /// Poses kept although their quality is below 0.5.
+    pub doubtful: u64,
     /// Rows without utc.
     pub without_utc: u64,
     /// Angle by which the world was turned to have z up, deg.
@@ -104,11 +109,11 @@ impl Trajectory {
     /// # Errors
     /// It cannot be read, lacks a column, has a field that is no number, or no pose is left.
     pub fn open(path: &Path, min_quality: f64) -> Result<Self, ImportError> {
-        let bytes = std::fs::read(path).map_err(io("read", path))?;
-        Self::from_table(&Table::from_bytes(&bytes, path)?, min_quality)
+        Self::from_table(&Table::open(path)?, min_quality)
     }
 
-    /// Reads a table: the clock in `tracking_timestamp_us`, or in `timestamp` (ns) as the Hoi! dataset has it.
+    /// Reads a table: the clock in `timestamp` (ns) as the Hoi! dataset has it, else in `tracking_timestamp_us`. Of several worlds
+    /// (`graph_uid`, or `session_uid` of odometry) the one with most poses is taken.
     ///
     /// # Errors
     /// As [`Trajectory::open`].
@@ -122,9 +127,9 @@ impl Trajectory {
             TrajectoryKind::ClosedLoop => "world",
             TrajectoryKind::OpenLoop => "odometry",
         };
-        let (time, scale) = match table.find("tracking_timestamp_us") {
-            Some(column) => (column, 1_000),
-            None => (table.column("timestamp")?, 1),
+        let (time, scale) = match table.find("timestamp") {
+            Some(column) => (column, 1),
+            None => (table.column("tracking_timestamp_us")?, 1_000),
         };
         let named = |what: &str| table.column(&format!("{what}_{world}_device"));
         let position = [named("tx")?, named("ty")?, named("tz")?];
@@ -142,6 +147,11 @@ impl Trajectory {
                 ..TrajectoryCounts::default()
             },
         };
+        let world = match kind {
+            TrajectoryKind::ClosedLoop => table.find("graph_uid"),
+            TrajectoryKind::OpenLoop => table.find("session_uid"),
+        };
+        let world = world.and_then(|column| most_frequent(table, column).map(|uid| (column, uid)));
         let mut up = Upright::default();
         for row in 0..table.len() {
             let device_ns = table.integer(row, time)?.saturating_mul(scale);
@@ -167,6 +177,13 @@ impl Trajectory {
                 out.counts.low_quality += 1;
                 continue;
             }
+            if let Some((column, uid)) = &world
+                && table.text(row, *column) != uid
+            {
+                out.counts.other_world += 1;
+                continue;
+            }
+            out.counts.doubtful += u64::from(quality < 0.5);
             if let [Some(x), Some(y), Some(z)] = gravity {
                 up.add(table.numbers(row, [x, y, z])?);
             }
@@ -209,7 +226,40 @@ impl Trajectory {
                 path: self.path,
             });
         }
+        self.refuse_other_units()?;
         Ok(self)
+    }
+
+    /// A hand does not move as fast, or a tracker answer as rarely, as columns in other units would say.
+    fn refuse_other_units(&self) -> Result<(), ImportError> {
+        let step_s = |pair: &[MpsPose]| (pair[1].device_ns - pair[0].device_ns) as f64 * 1e-9;
+        let speed = |pair: &[MpsPose]| {
+            let [a, b] = [pair[0].pose.position, pair[1].pose.position];
+            let moved = (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt();
+            moved / step_s(pair)
+        };
+        let pairs = || self.poses.windows(2);
+        let step = median(pairs().map(step_s).collect()).unwrap_or(0.0);
+        let speed = median(pairs().map(speed).collect()).unwrap_or(0.0);
+        let reason = if self.poses.len() < MIN_JUDGED {
+            return Ok(());
+        } else if !(STEPS_S.0..STEPS_S.1).contains(&step) {
+            format!(
+                "poses stand {step:.3e} s apart, expected {:.0e} to {} s: tracking_timestamp_us must be in us, timestamp in ns",
+                STEPS_S.0, STEPS_S.1
+            )
+        } else if speed > MAX_SPEED {
+            format!(
+                "half of the poses move faster than {speed:.0} m/s, at most {MAX_SPEED} m/s are believed: positions must be in m and times \
+                 in us (or ns, in a column timestamp)"
+            )
+        } else {
+            return Ok(());
+        };
+        Err(ImportError::Content {
+            path: self.path.clone(),
+            reason,
+        })
     }
 
     /// Readings of (glasses' clock, utc), ns.
@@ -233,6 +283,23 @@ impl Trajectory {
             _ => 0.0,
         }
     }
+}
+
+/// Trajectories of fewer poses show no pace.
+const MIN_JUDGED: usize = 20;
+/// Median time between poses that is believed, s.
+const STEPS_S: (f64, f64) = (5e-5, 0.3);
+/// Median speed that is believed, m/s.
+const MAX_SPEED: f64 = 10.0;
+
+/// The text that most rows of a column have.
+fn most_frequent(table: &Table, column: Column) -> Option<String> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for row in 0..table.len() {
+        *counts.entry(table.text(row, column)).or_default() += 1;
+    }
+    let most = counts.into_iter().max_by_key(|(_, count)| *count)?;
+    Some(most.0.to_owned())
 }
 
 /// Which way gravity points in a trajectory's world.
@@ -334,6 +401,39 @@ mod tests {
         let row = |t: i32| format!("1,{t},-1,1,0,0,0,0,0,2,0,0,9.81\n");
         let trajectory = read(&format!("{HEADER}{}{}", row(1), row(2)), 0.0).unwrap();
         assert!((trajectory.poses[0].pose.position[2] + 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn poses_of_another_world_are_left_out() {
+        let header = format!("graph_uid,{HEADER}");
+        let row = |uid: &str, t: i32| format!("{uid},1,{t},-1,1,0,0,0,0,2,0,0,0,-9.81\n");
+        let text = format!("{header}{}{}{}", row("a", 1), row("b", 2), row("b", 3));
+        let trajectory = read(&text, 0.0).unwrap();
+        assert_eq!(trajectory.poses.len(), 2);
+        assert_eq!(trajectory.counts.other_world, 1);
+    }
+
+    #[test]
+    fn columns_in_other_units_are_refused() {
+        let rows = |step: i64, metre: f64| {
+            let row = |k: i64| {
+                format!(
+                    "1,{},-1,1,0,0,0,{},0,0,0,0,-9.81\n",
+                    k * step,
+                    k as f64 * metre
+                )
+            };
+            (1..50).map(row).collect::<String>()
+        };
+        // 1 kHz, 0.5 m/s.
+        assert!(read(&format!("{HEADER}{}", rows(1_000, 5e-4)), 0.0).is_ok());
+        let refusal = |step, metre| {
+            let text = format!("{HEADER}{}", rows(step, metre));
+            read(&text, 0.0).unwrap_err().to_string()
+        };
+        assert!(refusal(1_000_000, 5e-4).contains("must be in us"));
+        assert!(refusal(1, 5e-4).contains("must be in us"));
+        assert!(refusal(1_000, 0.5).contains("must be in m"));
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use super::{ImportError, io};
+use super::ImportError;
+use super::archive::read;
 
 /// A table with a header, in memory.
 #[derive(Debug)]
@@ -23,7 +24,7 @@ impl Table {
     /// # Errors
     /// It cannot be read, is no table, or its rows differ in length. A last row that was cut short is left out.
     pub fn open(path: &Path) -> Result<Self, ImportError> {
-        Self::from_bytes(&std::fs::read(path).map_err(io("read", path))?, path)
+        Self::from_bytes(&read(path)?, path)
     }
 
     /// Reads `bytes` that `path` is said to hold.
@@ -45,6 +46,12 @@ impl Table {
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
             .collect();
+        if columns.iter().all(String::is_empty) {
+            return Err(ImportError::Content {
+                path: path.to_owned(),
+                reason: "it is empty: not even a line with the names of columns".to_owned(),
+            });
+        }
         let mut rows = Vec::new();
         for row in reader.records() {
             rows.push(row.map_err(|error| wrong(&error))?);
@@ -117,13 +124,19 @@ impl Table {
         Ok(found)
     }
 
+    /// A field as it stands; empty where there is none.
+    #[must_use]
+    pub fn text(&self, row: usize, column: Column) -> &str {
+        let field = self.rows.get(row).and_then(|fields| fields.get(column.0));
+        field.unwrap_or_default()
+    }
+
     /// A number.
     ///
     /// # Errors
     /// The field is none of that kind.
     pub fn number<T: FromStr>(&self, row: usize, column: Column) -> Result<T, ImportError> {
-        let field = self.rows.get(row).and_then(|fields| fields.get(column.0));
-        let text = field.unwrap_or_default();
+        let text = self.text(row, column);
         text.parse().map_err(|_| ImportError::Field {
             path: self.path.clone(),
             line: self
@@ -196,6 +209,14 @@ mod tests {
         assert_eq!(table("a,b\n1,2\n3").unwrap().len(), 1);
         let message = table("a,b\n1\n2,3\n").unwrap_err().to_string();
         assert_eq!(message, "a.csv line 2: 1 fields, the header has 2");
+    }
+
+    #[test]
+    fn an_empty_file_is_called_so() {
+        for text in ["", "\n", "\u{feff}"] {
+            let message = table(text).unwrap_err().to_string();
+            assert!(message.contains("it is empty"), "{message}");
+        }
     }
 
     #[test]

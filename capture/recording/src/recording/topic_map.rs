@@ -70,7 +70,7 @@ impl TopicMap {
     }
 
     /// The contract's name of a recording's topic; `None` when another topic takes its place.
-    pub(super) fn resolve<'a>(&'a self, topic: &'a str) -> Option<&'a str> {
+    pub(crate) fn resolve<'a>(&'a self, topic: &'a str) -> Option<&'a str> {
         let mapped = self
             .pairs
             .iter()
@@ -81,7 +81,7 @@ impl TopicMap {
     }
 
     /// The topics that must be in the recording.
-    pub(super) fn sources(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn sources(&self) -> impl Iterator<Item = &str> {
         self.pairs.iter().map(|(from, _)| from.as_str())
     }
 }

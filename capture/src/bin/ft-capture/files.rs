@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ft_capture::init::{self, Found};
 use ft_capture::session::{replay, retime};
-use ft_recording::{check, recover};
+use ft_recording::{TopicMap, check, recover};
 
 use crate::terminal::say;
 use crate::{CommandResult, Outcome};
@@ -55,12 +55,19 @@ pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
     Ok(Outcome::Fine)
 }
 
-/// Tells whether a recording is whole, or the new one that is made of it with its clocks smoothed.
-pub(crate) fn check(file: &Path, retimed: Option<&Path>, force: bool, json: bool) -> CommandResult {
+/// Tells whether a recording is whole, or the new one that is made of it with its clocks smoothed; `map` as the reader takes it.
+pub(crate) fn check(
+    file: &Path,
+    map: &[String],
+    retimed: Option<&Path>,
+    force: bool,
+    json: bool,
+) -> CommandResult {
+    let map = TopicMap::from_arguments(map.iter().map(String::as_str))?;
     let moved = retimed
         .map(|out| retime::retime(file, out, force))
         .transpose()?;
-    let report = check::check(retimed.unwrap_or(file))?;
+    let report = check::check_mapped(retimed.unwrap_or(file), &map)?;
     match (&moved, json) {
         (None, true) => say(&serde_json::to_string_pretty(&report)?)?,
         (Some(moved), true) => {

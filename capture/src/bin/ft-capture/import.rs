@@ -9,6 +9,7 @@ use ft_capture::import::aria::{AriaOptions, import_aria};
 use ft_capture::import::bag::{HOI_TEMPERATURE, HOI_WRENCH, import_bag};
 use ft_capture::import::hoi;
 use ft_capture::import::tables::{RowTime, TableOptions, import_tables};
+use ft_recording::TopicMap;
 
 use crate::calibrate::{positive, seconds_range};
 use crate::terminal::say;
@@ -55,6 +56,9 @@ pub(crate) struct AriaArguments {
     /// Take the open-loop trajectory even when there is a closed-loop one
     #[arg(long)]
     open_loop: bool,
+    /// Read a topic of another name: /their/topic=/ft/wrench; in the new recording it keeps its name
+    #[arg(long, value_name = "THEIRS=OURS")]
+    map: Vec<String>,
     /// Replace an existing recording
     #[arg(long)]
     force: bool,
@@ -81,6 +85,7 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         },
         min_quality: arguments.min_quality,
         open_loop: arguments.open_loop,
+        map: TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?,
         overwrite: arguments.force,
     };
     let report = import_aria(

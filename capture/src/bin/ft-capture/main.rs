@@ -36,6 +36,7 @@ const EXAMPLES: &str = "Examples:
   ft-capture init                                    a first capture.toml from it
   ft-capture check door.mcap                         is the recording whole?
   ft-capture check door.mcap --retime better.mcap    device clocks smoothed over the whole recording, into a new one
+  ft-capture check bag.mcap --map /wrench=/ft/wrench  a recording with other topic names
   ft-capture recover door.mcap.partial -o door.mcap  after a crash
   ft-capture calibrate shake.mcap --toml calibration.toml --plot shake.html   the tool's own weight, and the bias
   ft-capture import-aria rec.mcap --mps mps/ -o door.mcap   poses that Project Aria's services computed
@@ -163,6 +164,9 @@ enum Command {
     Check {
         /// The recording
         file: PathBuf,
+        /// Read a topic of another name: /their/topic=/ft/wrench
+        #[arg(long, value_name = "THEIRS=OURS")]
+        map: Vec<String>,
         /// Write a new recording whose device clocks are smoothed over the whole recording, and check that
         #[arg(long, value_name = "NEW.mcap")]
         retime: Option<PathBuf>,
@@ -224,10 +228,11 @@ fn main() -> ExitCode {
         Some(Command::Init { output, force }) => files::init(&output, force),
         Some(Command::Check {
             file,
+            map,
             retime,
             force,
             json,
-        }) => files::check(&file, retime.as_deref(), force, json),
+        }) => files::check(&file, &map, retime.as_deref(), force, json),
         Some(Command::Recover {
             file,
             output,

@@ -17,6 +17,8 @@ pub struct HoiReport {
     pub path: PathBuf,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
+    /// Wrenches that are not finite or stamped as another.
+    pub left_out: u64,
     /// What the trajectory has and what of it was left out.
     pub counts: TrajectoryCounts,
     /// Where the calibration comes from.
@@ -57,6 +59,13 @@ impl fmt::Display for HoiReport {
             self.samples[1],
             self.path.display()
         )?;
+        if self.left_out > 0 {
+            write!(
+                f,
+                "\n  {} wrenches left out: not finite, or stamped as another",
+                self.left_out
+            )?;
+        }
         match &self.calibration {
             HoiCalibration::FreeAir { from_s, until_s } => write!(
                 f,

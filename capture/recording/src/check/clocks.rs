@@ -1,0 +1,53 @@
+//! How device clocks stood to the host's, by `/diagnostics`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::message::{DiagnosticArray, Message};
+use crate::reader::RawMessage;
+
+/// How a device's clock stood to the host's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ClockReport {
+    /// How much faster the host's clock runs, parts per million, at the end.
+    pub skew_ppm: f64,
+    /// Uncertainty of the translated stamps at the end, one standard deviation, us.
+    pub spread_us: f64,
+    /// The largest uncertainty after the first 10 s of the recording, us; 0 in a shorter one.
+    pub largest_spread_us: f64,
+}
+
+/// What `/diagnostics` says of device clocks.
+#[derive(Default)]
+pub(super) struct Clocks {
+    pub(super) clocks: BTreeMap<String, ClockReport>,
+    first_ns: Option<u64>,
+}
+
+/// Until then a clock's skew is not yet known, ns.
+const CLOCKS_SETTLE_NS: u64 = 10_000_000_000;
+
+impl Clocks {
+    pub(super) fn take(&mut self, message: &RawMessage<'_>) {
+        let Ok(array) = DiagnosticArray::decode(message.data) else {
+            return;
+        };
+        let first_ns = *self.first_ns.get_or_insert(message.log_time);
+        for status in array.status {
+            let value = |key: &str| {
+                let pair = status.values.iter().find(|pair| pair.key == key)?;
+                pair.value.parse::<f64>().ok().filter(|v| v.is_finite())
+            };
+            let Some((skew_ppm, spread_ns)) = value("clock_skew_ppm").zip(value("clock_spread_ns"))
+            else {
+                continue;
+            };
+            let clock = self.clocks.entry(status.name.clone()).or_default();
+            (clock.skew_ppm, clock.spread_us) = (skew_ppm, 1e-3 * spread_ns);
+            if message.log_time.saturating_sub(first_ns) >= CLOCKS_SETTLE_NS {
+                clock.largest_spread_us = clock.largest_spread_us.max(clock.spread_us);
+            }
+        }
+    }
+}

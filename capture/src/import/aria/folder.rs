@@ -1,0 +1,140 @@
+//! Files of an MPS folder.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::import::archive::read;
+use crate::import::clock_map::ClockMap;
+use crate::import::mps::{SourceFile, Trajectory, TrajectoryKind};
+use crate::import::{ImportError, io};
+
+/// The trajectories and the online calibration of an MPS folder.
+pub(super) struct MpsFolder {
+    closed: Option<PathBuf>,
+    open: Option<PathBuf>,
+    calibration: Option<PathBuf>,
+    given: PathBuf,
+}
+
+impl MpsFolder {
+    /// `path` is a trajectory, its folder, or the folder above `slam/`.
+    pub(super) fn find(path: &Path) -> Result<Self, ImportError> {
+        if !path.exists() {
+            return Err(io("find", path)(std::io::ErrorKind::NotFound.into()));
+        }
+        let is_open = |file: &Path| {
+            file.file_name()
+                .is_some_and(|name| name.to_string_lossy().starts_with("open_loop"))
+        };
+        if path.is_file() {
+            let (closed, open) = if is_open(path) {
+                (None, Some(path.to_owned()))
+            } else {
+                (Some(path.to_owned()), None)
+            };
+            return Ok(Self {
+                closed,
+                open,
+                calibration: None,
+                given: path.to_owned(),
+            });
+        }
+        let find = |name: &str| {
+            let packed = format!("{name}.gz");
+            let places = [path.to_owned(), path.join("slam"), path.join("trajectory")];
+            places
+                .iter()
+                .flat_map(|place| [place.join(name), place.join(&packed)])
+                .find(|file| file.is_file())
+        };
+        Ok(Self {
+            closed: find("closed_loop_trajectory.csv"),
+            open: find("open_loop_trajectory.csv"),
+            calibration: find("online_calibration.jsonl"),
+            given: path.to_owned(),
+        })
+    }
+
+    pub(super) fn trajectory(&self, open_loop: bool) -> Result<&Path, ImportError> {
+        let wanted = if open_loop { &self.open } else { &self.closed };
+        let any = if open_loop { None } else { self.open.as_ref() };
+        wanted
+            .as_ref()
+            .or(any)
+            .map(PathBuf::as_path)
+            .ok_or_else(|| ImportError::Missing {
+                path: self.given.clone(),
+                missing: if open_loop {
+                    "no open_loop_trajectory.csv".to_owned()
+                } else {
+                    "neither closed_loop_trajectory.csv nor open_loop_trajectory.csv (also not in slam/)"
+                        .to_owned()
+                },
+                hint: "give the folder that MPS wrote for the glasses' recording",
+            })
+    }
+
+    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own.
+    pub(super) fn utc_map(&self, trajectory: &Trajectory) -> Result<Option<ClockMap>, ImportError> {
+        if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind)
+            && let Some(map) = Trajectory::open(open, 0.0)?.utc_map()
+        {
+            return Ok(Some(map));
+        }
+        Ok(trajectory.utc_map())
+    }
+
+    pub(super) fn hashes(&self, source: &Path) -> Result<Vec<SourceFile>, ImportError> {
+        [
+            Some(source),
+            self.closed.as_deref(),
+            self.open.as_deref(),
+            self.calibration.as_deref(),
+        ]
+        .into_iter()
+        .flatten()
+        .map(SourceFile::of)
+        .collect()
+    }
+
+    /// Time offsets of gyroscopes and accelerometers over the file, ms, and the first that was wrong with it.
+    pub(super) fn imu_offsets(&self) -> (BTreeMap<String, [f64; 2]>, Option<String>) {
+        let mut offsets: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+        let Some(path) = &self.calibration else {
+            return (offsets, None);
+        };
+        let text = match read(path) {
+            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+            Err(error) => return (offsets, Some(error.to_string())),
+        };
+        let mut wrong = None;
+        for (index, line) in text.lines().enumerate() {
+            if line.trim().is_empty() {
+                continue;
+            }
+            let value: serde_json::Value = match serde_json::from_str(line) {
+                Ok(value) => value,
+                Err(error) => {
+                    let line = index + 1;
+                    wrong.get_or_insert_with(|| format!("{} line {line}: {error}", path.display()));
+                    continue;
+                }
+            };
+            for imu in value["ImuCalibrations"].as_array().into_iter().flatten() {
+                let label = imu["Label"].as_str().unwrap_or("imu");
+                for (part, key) in [
+                    ("Gyroscope", "TimeOffsetSec_Device_Gyro"),
+                    ("Accelerometer", "TimeOffsetSec_Device_Accel"),
+                ] {
+                    let Some(ms) = imu[part][key].as_f64().map(|s| 1e3 * s) else {
+                        continue;
+                    };
+                    let name = format!("{label} {}", part.to_lowercase());
+                    let range = offsets.entry(name).or_insert([ms, ms]);
+                    *range = [range[0].min(ms), range[1].max(ms)];
+                }
+            }
+        }
+        (offsets, wrong)
+    }
+}
