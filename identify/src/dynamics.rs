@@ -159,14 +159,17 @@ fn fit_full(
     let mut mechanism = SplineMechanism::over(motion);
     let parametric = Design::new(motion, effects, None)?;
     let mut design = parametric.with_surfaces(motion, &mechanism);
-    let (mut smoothing, mut held_out_rms) = design.choose_smoothing();
+    let folds = design.fold_normals();
+    let (mut smoothing, mut held_out_rms) = design.choose_smoothing(&folds);
     let undamped = design.undamped();
-    let (loaded, without) = undamped.choose_load(smoothing);
+    let (loaded, without) = undamped.choose_load(&folds, smoothing);
     if without <= held_out_rms {
         (design, smoothing, held_out_rms) = (undamped, loaded, without);
     }
     let mut exact = None;
-    if design.damping_share(&smoothing) > DAMPED_ABOVE {
+    let effort = rms(parametric.tau.as_slice());
+    let least = DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
+    if design.damping_share(&smoothing) > least {
         let (surfaces, _) = design.solve(&smoothing);
         mechanism.set(&surfaces.as_slice()[design.params..]);
         let valved = Valved::fit(&parametric, motion, &mechanism);
@@ -221,8 +224,10 @@ fn fit_full(
 
 /// Valves must do so much better on held-out strokes than surfaces.
 const VALVED_BELOW: f64 = 0.97;
-/// Valves are tried when the damping is at least this share of the effort.
+/// Valves are tried when the damping is at least this share of the effort,
 const DAMPED_ABOVE: f64 = 0.05;
+/// and this share of what is left: edges and valves of less are not seen.
+const SEEN_ABOVE: f64 = 0.5;
 
 /// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
 /// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.
@@ -280,7 +285,8 @@ fn profiled(
         let motion = Motion::prepare(&samples.with_effort_earlier(lag), settings)?;
         Design::new(&motion, effects, Some(&SplineMechanism::over(&motion)))
     };
-    let (smoothing, _) = design(start)?.choose_smoothing();
+    let there = design(start)?;
+    let (smoothing, _) = there.choose_smoothing(&there.fold_normals());
     let cost = |lag: f64| -> Result<f64, DynamicsError> { Ok(design(lag)?.cost(&smoothing)) };
     let (mut centre, step) = (start, 2e-3);
     let mut middle = cost(centre)?;
@@ -310,7 +316,7 @@ fn lag_with_mechanism(
 ) -> Result<Option<Lag>, DynamicsError> {
     let mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
-    let (smoothing, _) = design.choose_smoothing();
+    let (smoothing, _) = design.choose_smoothing(&design.fold_normals());
     let (solution, _) = design.solve(&smoothing);
     let (y, h) = design.free_part(&solution, &smoothing);
     Ok(lag::scan(motion, &y, h)?)

@@ -4,6 +4,7 @@ use std::io::Write as _;
 pub mod bias;
 pub mod control;
 pub mod lab;
+pub mod mechanisms;
 pub mod peers;
 pub mod programs;
 pub mod sealed;

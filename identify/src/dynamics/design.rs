@@ -211,6 +211,9 @@ impl Design {
 
     /// Rank and condition of the parametric columns, each scaled to length 1.
     pub(super) fn rank_and_condition(&self) -> (usize, f64) {
+        if self.params == 0 {
+            return (0, 1.0);
+        }
         let part = DMatrix::from_fn(self.params, self.params, |i, j| {
             self.gram[(i, j)] / (self.scale[i] * self.scale[j])
         });
@@ -221,18 +224,22 @@ impl Design {
     }
 
     /// Smoothing with the least held-out error, and that error. One strength after the other, twice.
-    pub(super) fn choose_smoothing(&self) -> ([f64; 2], f64) {
-        self.choose_among([0.01, 0.1], [&LOAD_GRID, &DAMPING_GRID])
+    pub(super) fn choose_smoothing(&self, folds: &[Fold]) -> ([f64; 2], f64) {
+        self.choose_among(folds, [0.01, 0.1], [&LOAD_GRID, &DAMPING_GRID])
     }
 
     /// As [`Design::choose_smoothing`], of the load only.
-    pub(super) fn choose_load(&self, start: [f64; 2]) -> ([f64; 2], f64) {
-        self.choose_among(start, [&LOAD_GRID, &[]])
+    pub(super) fn choose_load(&self, folds: &[Fold], start: [f64; 2]) -> ([f64; 2], f64) {
+        self.choose_among(folds, start, [&LOAD_GRID, &[]])
     }
 
     /// As [`Design::choose_smoothing`], from `start` on, among the values given for load and damping.
-    pub(super) fn choose_among(&self, start: [f64; 2], grids: [&[f64]; 2]) -> ([f64; 2], f64) {
-        let folds = self.fold_normals();
+    pub(super) fn choose_among(
+        &self,
+        folds: &[Fold],
+        start: [f64; 2],
+        grids: [&[f64]; 2],
+    ) -> ([f64; 2], f64) {
         let mut best = (start, f64::INFINITY);
         let turns: &[usize] = if grids[1].is_empty() {
             &[0]
@@ -243,7 +250,7 @@ impl Design {
             for value in grids[grid] {
                 let mut smoothing = best.0;
                 smoothing[grid] = *value;
-                let error = self.held_out_of(&folds, &smoothing);
+                let error = self.held_out_of(folds, &smoothing);
                 if error < best.1 {
                     best = (smoothing, error);
                 }
@@ -372,7 +379,8 @@ impl Design {
         )
     }
 
-    fn fold_normals(&self) -> Vec<Fold> {
+    /// The folds of held-out errors.
+    pub(super) fn fold_normals(&self) -> Vec<Fold> {
         let (fold_of, count) = &self.folds;
         (0..*count)
             .filter_map(|fold| {
@@ -380,15 +388,11 @@ impl Design {
                 if rows.is_empty() || rows.len() == fold_of.len() {
                     return None;
                 }
-                Some(Fold {
-                    all: self.part(&rows),
-                    scored: self.part(
-                        &rows
-                            .into_iter()
-                            .filter(|&i| self.scored[i])
-                            .collect::<Vec<_>>(),
-                    ),
-                })
+                let unscored: Vec<usize> =
+                    rows.iter().copied().filter(|&i| !self.scored[i]).collect();
+                let all = self.part(&rows);
+                let scored = all.without(&self.part(&unscored));
+                Some(Fold { all, scored })
             })
             .collect()
     }
@@ -494,7 +498,7 @@ pub(super) fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64
 }
 
 /// The samples of one fold, and those of them that count.
-struct Fold {
+pub(super) struct Fold {
     all: Part,
     scored: Part,
 }
@@ -505,6 +509,17 @@ pub(super) struct Part {
     pub(super) right: DVector<f64>,
     square: f64,
     pub(super) samples: usize,
+}
+
+impl Part {
+    fn without(&self, other: &Self) -> Self {
+        Self {
+            gram: &self.gram - &other.gram,
+            right: &self.right - &other.right,
+            square: self.square - other.square,
+            samples: self.samples - other.samples,
+        }
+    }
 }
 
 fn normal(y: &DMatrix<f64>, tau: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {

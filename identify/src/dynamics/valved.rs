@@ -76,7 +76,8 @@ impl Valved {
             fit.steps(parametric, motion, 4);
         }
         let design = fit.design(parametric, motion);
-        (fit.smoothing, _) = design.choose_among(fit.smoothing, [&LOADS, &DAMPINGS]);
+        (fit.smoothing, _) =
+            design.choose_among(&design.fold_normals(), fit.smoothing, [&LOADS, &DAMPINGS]);
         fit.steps(parametric, motion, 2);
         if fit.drop_slight_bends(&fit.design(parametric, motion)) {
             fit.steps(parametric, motion, 2);
