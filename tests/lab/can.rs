@@ -1,5 +1,6 @@
 //! Drivers on a CAN interface of the kernel.
 
+use std::process::Command;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -32,6 +33,10 @@ pub(crate) const CASES: &[Case] = &[
         can_interface_that_is_down_says_so,
     ),
     ("can_nobody_acknowledges", can_nobody_acknowledges),
+    (
+        "can_sensors_read_by_a_strangers_program",
+        can_sensors_read_by_a_strangers_program,
+    ),
 ];
 
 /// A virtual bus that is up.
@@ -167,4 +172,28 @@ fn can_nobody_acknowledges() {
         matches!(refused, Some(LinkError::NoAcknowledge { .. })),
         "{refused:?}"
     );
+}
+
+/// A script that knows the makers' tables and nothing of this project, with the system's Python.
+fn can_sensors_read_by_a_strangers_program() {
+    let script = format!(
+        "{}/tests/peers/read_can.py",
+        std::env::var("FT_LAB_ROOT").unwrap()
+    );
+    for (driver, rate_hz) in [
+        ("robotous_can", 200.0),
+        ("optoforce_can", 333.0),
+        ("ati_netcanoem", 100.0),
+    ] {
+        let played = played(driver, rate_hz);
+        let output = Command::new("timeout")
+            .args(["40", "python3", &script, driver, bus(), "150"])
+            .output()
+            .unwrap();
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{driver}: {complaint}");
+        let read: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let samples: Vec<[f64; 6]> = serde_json::from_value(read["samples"].clone()).unwrap();
+        played.is_the_tools_weight(samples.into_iter());
+    }
 }

@@ -82,25 +82,25 @@ impl Played {
 
     fn weighs_the_tool_by(&self, sensor: &Device, samples: usize) -> Heard {
         let heard = hear(sensor, samples).unwrap();
+        self.is_the_tools_weight(heard.wrenches().map(|reading| reading.wrench.to_array()));
+        heard
+    }
+
+    /// Asserts that wrenches without the sensor's bias weigh what the tool does, whichever way it is turned.
+    pub(crate) fn is_the_tools_weight(&self, wrenches: impl Iterator<Item = [f64; 6]>) {
         let bias = self.server.truth().sensor_errors.bias;
-        let mut weights: Vec<_> = heard
-            .wrenches()
-            .map(|wrench| weight(wrench, &bias))
-            .collect();
+        let weight = |wrench: [f64; 6]| {
+            let square = |axis: usize| (wrench[axis] - bias[axis]).powi(2);
+            (0..3).map(square).sum::<f64>().sqrt()
+        };
+        let mut weights: Vec<_> = wrenches.map(weight).collect();
         weights.sort_by(f64::total_cmp);
         let weight = weights[weights.len() / 2];
         assert!(
             (weight - WEIGHT_N).abs() < 0.25,
             "the tool weighs {weight} N"
         );
-        heard
     }
-}
-
-fn weight(reading: &WrenchReading, bias: &[f64; 6]) -> f64 {
-    let wrench = reading.wrench.to_array();
-    let square = |axis: usize| (wrench[axis] - bias[axis]).powi(2);
-    (0..3).map(square).sum::<f64>().sqrt()
 }
 
 /// What a driver made of what came.

@@ -262,14 +262,12 @@ fn modules(kernel: &Kernel, module: &str) -> Result<Vec<PathBuf>, String> {
 
 /// What the guest's scripts must know, for a shell.
 fn environment(kernel: &Kernel) -> String {
-    let python = workspace_root().join("target/peers/bin/python");
     let only = std::env::var("FT_LAB_ONLY").unwrap_or_default();
     let quoted = |name: &str, value: &str| format!("{name}='{}'\n", value.replace('\'', "'\\''"));
     [
         ("FT_LAB_ROOT", workspace_root().to_string_lossy()),
         ("FT_LAB_KERNEL", kernel.root.to_string_lossy()),
         ("FT_LAB_BIN", programs::folder().to_string_lossy()),
-        ("FT_LAB_PYTHON", python.to_string_lossy()),
         ("FT_LAB_ONLY", only.as_str().into()),
     ]
     .map(|(name, value)| quoted(name, &value))

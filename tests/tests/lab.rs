@@ -31,6 +31,7 @@ cases! {
     can_bus_off_ends_the_link
     can_interface_that_is_down_says_so
     can_nobody_acknowledges
+    can_sensors_read_by_a_strangers_program
     acm_bota
     acm_robotous
     acm_optoforce
