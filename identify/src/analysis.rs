@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, Refused, confirm, diagnose_without, evidence,
-    slope_of,
+    Confirmation, Diagnosis, Evidence, Found, Refused, add_stiction, confirm, diagnose_without,
+    evidence, slope_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
@@ -176,7 +176,7 @@ fn confirmed_diagnosis(
     loop {
         let mut diagnosis = diagnose_without(&samples, settings, &barred)?;
         let known = diagnosis.refused.len();
-        let confirmed = confirm(&mut diagnosis, others, settings)?;
+        let mut confirmed = confirm(&mut diagnosis, others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
         // Of several dampers one may be too many.
         refused.retain(|refused| {
@@ -187,6 +187,7 @@ fn confirmed_diagnosis(
         });
         if refused.is_empty() || barred.len() >= MOST_BARRED {
             diagnosis.refused.extend(earlier);
+            add_stiction(&mut diagnosis, &mut confirmed, others, settings)?;
             return Ok((diagnosis, confirmed));
         }
         barred.extend(refused.iter().map(|refused| refused.name));

@@ -6,6 +6,7 @@
 //! noise floor allows to doubt, helps in most blocks and has a physical sign. Later effects may replace or remove earlier
 //! ones. What fits nearly as well is named beside it, and what helped but was turned down is listed with the reason.
 
+mod breakaway;
 mod confirm;
 mod evidence;
 mod finish;
@@ -18,6 +19,7 @@ mod search;
 mod shapes;
 mod tidy;
 
+pub(crate) use breakaway::add_stiction;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;

@@ -53,28 +53,24 @@ impl Effect for RigidBody {
     }
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
-        let column = |name, unit: &str, series: &[f64]| -> Result<Column, MotionError> {
-            let values = motion.regressor(series)?;
-            Ok(Column {
-                name,
-                unit: unit.to_owned(),
-                bound: Bound::NonNegative,
-                values,
-            })
+        let column = |name, unit: &str, values| Column {
+            name,
+            unit: unit.to_owned(),
+            bound: Bound::NonNegative,
+            values,
         };
-        let kind = motion.kind;
+        let (kind, measured) = (motion.kind, &motion.q_measured);
+        let inertia =
+            motion.regressor_of_derivative(&motion.second_derivative(measured), &motion.ddq)?;
+        let viscous = motion.regressor_of_derivative(&motion.derivative(measured), &motion.dq)?;
         Ok(vec![
+            column("inertia", kind.inertia_unit(), inertia),
             column(
-                "inertia",
-                kind.inertia_unit(),
-                &motion.second_derivative(&motion.q_measured),
-            )?,
-            column("coulomb", kind.effort_unit(), &motion.sign)?,
-            column(
-                "viscous",
-                kind.viscous_unit(),
-                &motion.derivative(&motion.q_measured),
-            )?,
+                "coulomb",
+                kind.effort_unit(),
+                motion.regressor(&motion.sign)?,
+            ),
+            column("viscous", kind.viscous_unit(), viscous),
         ])
     }
 
@@ -99,7 +95,7 @@ impl Effect for ConstantLoad {
     }
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
-        let values = vec![1.0; motion.kept.len()];
+        let values = motion.regressor(&vec![1.0; motion.q.len()])?;
         Ok(vec![Column {
             name: "load",
             unit: motion.kind.effort_unit().to_owned(),

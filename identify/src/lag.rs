@@ -32,7 +32,6 @@ pub fn scan(
     y: &DMatrix<f64>,
     mut gram: DMatrix<f64>,
 ) -> Result<Option<Lag>, MotionError> {
-    let tau = motion.filtered(&motion.tau)?;
     let steps = (RANGE_S / motion.period).round().max(2.0) as isize;
     let inside: Vec<usize> = (0..motion.kept.len())
         .filter(|&k| {
@@ -54,19 +53,15 @@ pub fn scan(
     let Some(factor) = gram.cholesky() else {
         return Ok(None);
     };
-    let residual = |shift: isize| {
-        let target = DVector::from_iterator(
-            inside.len(),
-            inside
-                .iter()
-                .map(|&k| tau[(motion.kept[k] as isize + shift) as usize]),
-        );
+    let residual = |shift: isize| -> Result<DVector<f64>, MotionError> {
+        let tau = motion.regressor(&shifted(motion, shift))?;
+        let target = DVector::from_iterator(inside.len(), inside.iter().map(|&k| tau[k]));
         let theta = factor.solve(&(y.transpose() * &target));
-        target - &y * theta
+        Ok(target - &y * theta)
     };
     let sums: Vec<f64> = (-steps..=steps)
-        .map(|shift| residual(shift).norm_squared())
-        .collect();
+        .map(|shift| Ok(residual(shift)?.norm_squared()))
+        .collect::<Result<_, MotionError>>()?;
     let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else {
         return Ok(None);
     };
@@ -75,7 +70,7 @@ pub fn scan(
     }
     let curvature = sums[best - 1] - 2.0 * sums[best] + sums[best + 1];
     let offset = 0.5 * (sums[best - 1] - sums[best + 1]) / curvature;
-    let left = residual(best as isize - steps);
+    let left = residual(best as isize - steps)?;
     let variance = sums[best] / effective_count(left.as_slice()).max(1.0);
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
@@ -84,4 +79,16 @@ pub fn scan(
         std_s,
         applied: false,
     }))
+}
+
+/// The effort of `shift` samples later, held at the ends of the runs.
+fn shifted(motion: &Motion, shift: isize) -> Vec<f64> {
+    let mut out = motion.tau.clone();
+    for run in &motion.runs {
+        for i in run.clone() {
+            let at = i.saturating_add_signed(shift);
+            out[i] = motion.tau[at.clamp(run.start, run.end - 1)];
+        }
+    }
+    out
 }

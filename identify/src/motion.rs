@@ -112,12 +112,16 @@ pub struct Motion {
     pub across: Vec<Vec<f64>>,
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
+    /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
+    /// say how much: there regressors and efforts count as zero before the filter.
+    pub slides: Vec<bool>,
     /// Indices of the samples used in fits, ascending.
     pub kept: Vec<usize>,
     /// Samples (at the fit's rate) taken out, by gate.
     pub gated: BTreeMap<&'static str, usize>,
     /// Speed below which the joint is taken as stuck.
     pub slow_speed: f64,
+    smoothing: LowPass,
     filter: LowPass,
     kernel: kernel::Kernel,
 }
@@ -188,10 +192,12 @@ impl Motion {
             q_measured: work.q,
             noise_of_q: work.noise,
             across: work.across,
+            slides: Vec::new(),
             kept: Vec::new(),
             gated: BTreeMap::new(),
             slow_speed: 0.0,
             kernel: kernel::Kernel::of(&filter, cutoff, work_rate)?,
+            smoothing: smooth_filter,
             filter,
         };
         let total = gate::apply(&mut motion, cutoff);
@@ -231,17 +237,57 @@ impl Motion {
         .map_err(MotionError::from)
     }
 
+    /// A series at the work rate through the filter that smooths the coordinate, run by run.
+    ///
+    /// # Errors
+    /// As [`Motion::filtered`].
+    pub fn smoothed(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
+        by_run(&self.runs, series, |part| {
+            self.smoothing.zero_phase_settled(part)
+        })
+        .map_err(MotionError::from)
+    }
+
     /// The samples of a series that fits use.
     #[must_use]
     pub fn at_kept(&self, series: &[f64]) -> Vec<f64> {
         self.kept.iter().map(|&i| series[i]).collect()
     }
 
-    /// A regressor: a series at the work rate, filtered like the effort, at the samples that fits use.
+    /// A regressor: a series at the work rate, zero where the joint rests, filtered like the effort, at the samples that fits use.
     ///
     /// # Errors
     /// As [`Motion::filtered`].
     pub fn regressor(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
+        let sliding: Vec<f64> = series
+            .iter()
+            .zip(&self.slides)
+            .map(|(value, slides)| if *slides { *value } else { 0.0 })
+            .collect();
+        self.regressor_of_all(&sliding)
+    }
+
+    /// A regressor from derivatives of what was measured, which are filtered whole: cut off before the filter their noise, most of it
+    /// above the cut-off, would come through. What `smooth` derivatives have of it where the joint rests is taken off.
+    ///
+    /// # Errors
+    /// As [`Motion::filtered`].
+    pub fn regressor_of_derivative(
+        &self,
+        measured: &[f64],
+        smooth: &[f64],
+    ) -> Result<Vec<f64>, MotionError> {
+        let rests = smooth.iter().zip(&self.slides);
+        let rests = rests.map(|(value, slides)| if *slides { 0.0 } else { *value });
+        let parts: Vec<f64> = measured.iter().zip(rests).map(|(m, r)| m - r).collect();
+        self.regressor_of_all(&parts)
+    }
+
+    /// As [`Motion::regressor`], with what it has where the joint rests.
+    ///
+    /// # Errors
+    /// As [`Motion::filtered`].
+    pub fn regressor_of_all(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
         if series.len() != self.q.len() {
             return Err(MotionError::Filter(FilterError::TooShort {
                 got: series.len(),
@@ -261,7 +307,12 @@ impl Motion {
     /// Regressors that are zero nearly everywhere, as [`Motion::regressor`]; (kept samples, `columns`).
     #[must_use]
     pub fn sparse_regressor(&self, entries: &SparseColumns, columns: usize) -> DMatrix<f64> {
-        entries.filtered(&self.kernel, &self.runs, &self.kept, columns)
+        entries.filtered(
+            &self.kernel,
+            &self.runs,
+            (&self.kept, &self.slides),
+            columns,
+        )
     }
 
     /// First derivative of a series at the work rate, run by run.

@@ -60,17 +60,14 @@ pub fn floor(
         };
         white(q_white, &through)
     } else {
+        let slid = jumps(motion);
         let mut squares = 0.0;
         for series in &motion.noise_of_q {
+            let away = level(motion, &slid, series);
             let (velocity, acceleration) =
                 (motion.derivative(series), motion.second_derivative(series));
-            let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
             let effort: Vec<f64> = (0..series.len())
-                .map(|i| {
-                    inertia * acceleration[i]
-                        + viscous * velocity[i]
-                        + slope[i] * (series[i] - mean)
-                })
+                .map(|i| inertia * acceleration[i] + viscous * velocity[i] + slope[i] * away[i])
                 .collect();
             squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
         }
@@ -84,22 +81,35 @@ pub fn floor(
     })
 }
 
-/// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise.
+/// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch
+/// counts as such when the pose across the path jumps there, or when it has many times what is usual.
 fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
     let slid = jumps(motion);
-    let values = motion.regressor(effort)?;
-    let usual: Vec<f64> = motion
-        .kept
-        .iter()
-        .zip(values)
-        .filter(|(i, _)| {
-            slid.iter()
-                .all(|at| (motion.time[**i] - at).abs() > SLIDES_S)
-        })
-        .map(|(_, value)| value)
+    let values = motion.regressor_of_all(effort)?;
+    let mut stretches: std::collections::BTreeMap<i64, (f64, usize)> =
+        std::collections::BTreeMap::new();
+    for (&i, value) in motion.kept.iter().zip(values) {
+        let at = motion.time[i];
+        if slid.iter().all(|jump| (at - jump).abs() > SLIDES_S) {
+            let stretch = stretches.entry((at / STRETCH_S) as i64).or_default();
+            *stretch = (stretch.0 + value * value, stretch.1 + 1);
+        }
+    }
+    let each: Vec<f64> = stretches
+        .values()
+        .map(|(sum, count)| sum / *count as f64)
         .collect();
-    Ok(rms(&usual).powi(2))
+    let most = UNUSUAL * quantile(&each, 0.5);
+    let usual = stretches
+        .values()
+        .filter(|(sum, count)| sum / *count as f64 <= most);
+    let (sum, count) = usual.fold((0.0, 0), |all, one| (all.0 + one.0, all.1 + one.1));
+    Ok(sum / f64::from(u32::try_from(count.max(1)).unwrap_or(u32::MAX)))
 }
+
+/// Stretches over which noise is compared, s, and the share of the median square beyond which one is no noise.
+const STRETCH_S: f64 = 1.0;
+const UNUSUAL: f64 = 12.0;
 
 /// Time about a slip within which the pose across the path is no noise, s.
 const SLIDES_S: f64 = 0.4;
@@ -109,14 +119,31 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     if motion.kind != JointKind::Revolute {
         return Ok(0.0);
     }
+    let slid = jumps(motion);
     let mut squares = 0.0;
     for series in &motion.noise_of_q {
-        let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
-        let both = series.iter().zip(&motion.tau);
-        let effort: Vec<f64> = both.map(|(n, tau)| (n - mean) * tau).collect();
+        let away = level(motion, &slid, series);
+        let effort: Vec<f64> = away
+            .iter()
+            .zip(&motion.tau)
+            .map(|(n, tau)| n * tau)
+            .collect();
         squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
     }
     Ok(squares.sqrt())
+}
+
+/// A series less its mean between the instants at which the pads slid on the handle: what they slid by is no noise.
+fn level(motion: &Motion, slid: &[f64], series: &[f64]) -> Vec<f64> {
+    let stretch = |i: usize| slid.iter().filter(|at| **at < motion.time[i]).count();
+    let mut sums = vec![(0.0, 0_usize); slid.len() + 1];
+    for (i, value) in series.iter().enumerate() {
+        let sum = &mut sums[stretch(i)];
+        *sum = (sum.0 + value, sum.1 + 1);
+    }
+    let mean = |i: usize| sums[stretch(i)].0 / sums[stretch(i)].1.max(1) as f64;
+    let numbered = series.iter().enumerate();
+    numbered.map(|(i, value)| value - mean(i)).collect()
 }
 
 /// Slope of the whole load at each sample: a position that is off by little reads another load. Slow errors of the position

@@ -15,6 +15,8 @@ const ALIAS: [(&str, &str); 2] = [
     ("constant_load", "asymmetric_coulomb"),
     ("grasp_compliance", "backlash"),
 ];
+/// The share of the gain that makes one of these a look-alike of the other: their forms are cruder than that.
+const ALIAS_GAIN: f64 = 0.5;
 /// Kinds that hold another one as a special case: no alternatives to it.
 const CONTAIN: [(&str, &str); 7] = [
     ("spring", "constant_load"),
@@ -33,6 +35,7 @@ impl State {
         if self.fit()?.held_out_rms > 1.02 * before {
             self.effects = as_was;
         }
+        let as_found = self.effects.clone();
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
@@ -97,6 +100,8 @@ impl State {
                     .push(doubt("time_lag", share, held_out_rms, self.floor.rms));
                 self.shift(late)?;
                 self.lag = None;
+                self.effects = as_found;
+                self.refine_all()?;
                 return self.finish();
             }
             let Some(time_lag) = kind("time_lag") else {
@@ -186,7 +191,8 @@ impl State {
             .filter(|entry| {
                 let alias = ALIAS.contains(&(entry.kind.name, name))
                     || ALIAS.contains(&(name, entry.kind.name));
-                seen.mse - entry.mse >= 0.85 * gain && (alias || entry.mse <= 1.15 * own)
+                let least = if alias { ALIAS_GAIN } else { 0.85 };
+                seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
             .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
             .map(|entry| ambiguity(entry.kind))

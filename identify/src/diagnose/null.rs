@@ -29,8 +29,10 @@ pub(super) fn replicates(
     let fitted = combine(&ground.all_columns(effects)?, theta);
     let raw = raw_effort(ground, effects, theta);
     let seeds: Vec<u64> = (0..count as u64).collect();
+    let noise = &ground.motion.noise_of_q;
+    let model = (effects, theta, raw.as_slice());
     let errors: Vec<Option<Vec<f64>>> = in_parallel(&seeds, |seed| {
-        error_of(ground, effects, theta, &raw, floor, settings, *seed).ok()
+        error_of(ground, model, (floor, noise), settings, *seed).ok()
     });
     let errors: Vec<Vec<f64>> = errors.into_iter().flatten().collect();
     let squares: f64 = errors.iter().map(|error| rms(error).powi(2)).sum();
@@ -68,10 +70,8 @@ fn raw_effort(ground: &Ground, effects: &[Found], theta: &[f64]) -> Vec<f64> {
 
 fn error_of(
     ground: &Ground,
-    effects: &[Found],
-    theta: &[f64],
-    raw: &[f64],
-    floor: &NoiseFloor,
+    (effects, theta, raw): (&[Found], &[f64], &[f64]),
+    (floor, series): (&NoiseFloor, &[Vec<f64>]),
     settings: &MotionSettings,
     seed: u64,
 ) -> Result<Vec<f64>, MotionError> {
@@ -79,7 +79,7 @@ fn error_of(
     let mut random = Random::new(seed);
     let white: Vec<f64> = (0..raw.len()).map(|_| random.normal()).collect();
     let level = floor.wrench_rms / rms(&motion.regressor(&white)?).max(1e-12);
-    let noise = position_noise(motion, theta, floor, &mut random)?;
+    let noise = position_noise(motion, theta, (floor, series), &mut random)?;
     let noisy = JointSamples {
         kind: motion.kind,
         period: motion.period,
@@ -92,6 +92,7 @@ fn error_of(
     };
     let mut seen = Motion::prepare(&noisy, settings)?;
     seen.kept.clone_from(&motion.kept);
+    seen.slides.clone_from(&motion.slides);
     let there = Ground::of(seen)?;
     let predicted = combine(&there.all_columns(effects)?, theta);
     Ok(there.y.iter().zip(&predicted).map(|(y, p)| y - p).collect())
@@ -101,18 +102,18 @@ fn error_of(
 fn position_noise(
     motion: &Motion,
     theta: &[f64],
-    floor: &NoiseFloor,
+    (floor, series): (&NoiseFloor, &[Vec<f64>]),
     random: &mut Random,
 ) -> Result<Vec<f64>, MotionError> {
     let n = motion.q.len();
-    if motion.noise_of_q.is_empty() {
+    if series.is_empty() {
         let white: Vec<f64> = (0..n).map(|_| random.normal()).collect();
         let (velocity, acceleration) =
             (motion.derivative(&white), motion.second_derivative(&white));
         let effort: Vec<f64> = (0..n)
             .map(|i| theta[0] * acceleration[i] + theta[2] * velocity[i])
             .collect();
-        let unit = rms(&motion.regressor(&effort)?);
+        let unit = rms(&motion.regressor_of_all(&effort)?);
         let level = if unit > 0.0 {
             floor.position_rms / unit
         } else {
@@ -120,17 +121,23 @@ fn position_noise(
         };
         return Ok(white.into_iter().map(|w| w * level).collect());
     }
-    let weights: Vec<f64> = motion.noise_of_q.iter().map(|_| random.normal()).collect();
+    let weights: Vec<f64> = series.iter().map(|_| random.normal()).collect();
     let length = weights.iter().map(|w| w * w).sum::<f64>().sqrt().max(1e-9);
     let mut out = vec![0.0; n];
-    for (series, weight) in motion.noise_of_q.iter().zip(&weights) {
+    for (series, weight) in series.iter().zip(&weights) {
         let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
         let shift = (random.unit() * n as f64) as usize;
         for (i, out) in out.iter_mut().enumerate() {
-            *out += weight / length * (series[(i + shift) % series.len()] - mean);
+            *out += weight / length * (series[mirrored(i + shift, series.len())] - mean);
         }
     }
     Ok(out)
+}
+
+/// The place `at` of a series of `count` that goes on forth and back: from its end to its beginning a wandering series would jump.
+fn mirrored(at: usize, count: usize) -> usize {
+    let at = at % (2 * count);
+    at.min(2 * count - 1 - at)
 }
 
 /// SplitMix64 with normal deviates (Box and Muller); the seed gives the sequence.

@@ -151,10 +151,17 @@ fn evidence(problem: &Problem<'_>, kind: &Kind, used: &[bool], before: f64, afte
     0.5 * independent * (before / after.max(1e-300)).ln() - 0.5 * freedom * independent.ln()
 }
 
+/// Share of the blocks that get better, of those in which the candidate has a say: a catch acts where few strokes begin and end.
 fn share_helped(before: &[f64], after: &[f64]) -> f64 {
-    let helped = before.iter().zip(after).filter(|(b, a)| a < b).count();
-    helped as f64 / before.len().max(1) as f64
+    let usual = before.iter().sum::<f64>() / before.len().max(1) as f64;
+    let changes = || before.iter().zip(after).map(|(b, a)| b - a);
+    let counted = changes().filter(|change| change.abs() > HAS_A_SAY * usual);
+    let helped = changes().filter(|change| *change > HAS_A_SAY * usual);
+    helped.count() as f64 / counted.count().max(1) as f64
 }
+
+/// A candidate that changes a block's squared error by less than this share of a usual block's has no say in it.
+const HAS_A_SAY: f64 = 0.02;
 
 /// A better fit may be so much worse on held-out blocks.
 pub(super) const WORSE: f64 = 1.1;

@@ -1,6 +1,6 @@
 //! Dry friction beyond one constant.
 
-use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
+use super::library::{Belongs, Kind, Search, Unit, Variable, geometric};
 use crate::least_squares::Bound::{Free, NonNegative};
 use crate::samples::quantile;
 
@@ -40,43 +40,19 @@ pub const STRIBECK: Kind = Kind {
     separate: "slow steady strokes at a few speeds below the typical one",
 };
 
-/// `tau = extra sgn(dq) exp(-time since leaving rest / 60 ms)`, `extra >= 0`: more friction to break away from rest than to slide.
-/// Seen in what the gates leave after a rest.
+/// More friction to break away from rest than to slide, by `extra`. While it rests, friction takes up what the hand gives, and fits of
+/// the motion leave that out; it is read off the effort before the joint leaves rest. No regressor.
 pub const STICTION: Kind = Kind {
     name: "stiction",
     belongs: Belongs::Object,
-    terms: &[("extra", Unit::Effort, NonNegative)],
-    shape: &[],
+    terms: &[],
+    shape: &[("extra", Unit::Effort, Search::Fixed)],
     variable: Variable::SinceReversal,
-    grid: |_| vec![vec![]],
-    series: |scope, _| vec![after_rest(scope)],
+    grid: |_| vec![],
+    series: |_, _| vec![],
     at: None,
     separate: "many slow starts from rest, pulling until it breaks away",
 };
-
-fn after_rest(scope: &Scope<'_>) -> Vec<f64> {
-    let motion = scope.motion;
-    let mut out = vec![0.0; motion.q.len()];
-    let least = (0.1 / motion.period) as usize;
-    for run in &motion.runs {
-        let (mut resting, mut left) = (0_usize, f64::INFINITY);
-        for i in run.clone() {
-            if motion.dq[i].abs() < motion.slow_speed {
-                resting += 1;
-            } else {
-                if resting >= least {
-                    left = 0.0;
-                }
-                resting = 0;
-            }
-            if resting == 0 {
-                out[i] = motion.sign[i] * (-left / 0.06).exp();
-                left += motion.period;
-            }
-        }
-    }
-    out
-}
 
 fn grown(shape: &[f64], q: f64) -> f64 {
     ((q - shape[1]) / shape[2]).clamp(0.0, 1.0).powf(shape[0])

@@ -37,9 +37,10 @@ pub const PAYLOAD_SWITCH: Kind = Kind {
     },
     series: |scope, shape| {
         let motion = scope.motion;
-        let ddq = motion.second_derivative(&motion.q_measured);
         vec![
-            ddq.iter()
+            motion
+                .ddq
+                .iter()
                 .zip(&motion.time)
                 .map(|(a, t)| if *t >= shape[0] { *a } else { 0.0 })
                 .collect(),

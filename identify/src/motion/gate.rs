@@ -24,7 +24,13 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
         .iter()
         .map(|v| v.abs() < motion.slow_speed)
         .collect();
-    let stuck = widened(motion, &lasting(motion, &slow), window);
+    let stuck = widened(motion, &lasting(motion, &slow, STUCK_S), window);
+    let rests = lasting(motion, &slow, RESTS_S);
+    let blur = (BLUR_S / motion.period).ceil() as usize;
+    motion.slides = widened(motion, &rests, blur)
+        .iter()
+        .map(|rests| !rests)
+        .collect();
     let speeds: Vec<f64> = motion.ddq.iter().map(|a| a.abs()).collect();
     let implausible = 3.0 * quantile(&speeds, 0.99);
     let near_limit = near_limit(motion, [window, border]);
@@ -51,6 +57,14 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     }
     total
 }
+
+/// How long the joint is slow where fits leave out what is near, and where it is taken to rest, s: the smoothed speed passes zero
+/// quickly where a joint sticks for some hundredths of a second.
+const STUCK_S: f64 = 0.03;
+const RESTS_S: f64 = 0.01;
+
+/// What the smoothing of the coordinate blurs the end of a rest by, s.
+const BLUR_S: f64 = 0.03;
 
 /// Samples about an end stop. `windows` = samples to leave out about touching it and about a blow.
 fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
@@ -146,9 +160,9 @@ fn slow_speed(motion: &Motion) -> f64 {
         .min(quantile(&moving, 0.5) / 3.0)
 }
 
-/// The flags that hold for at least 30 ms on end.
-fn lasting(motion: &Motion, flags: &[bool]) -> Vec<bool> {
-    let least = (0.03 / motion.period).ceil() as usize;
+/// The flags that hold for at least `least_s` on end.
+fn lasting(motion: &Motion, flags: &[bool], least_s: f64) -> Vec<bool> {
+    let least = (least_s / motion.period).ceil() as usize;
     let mut out = vec![false; flags.len()];
     for run in &motion.runs {
         let mut start = run.start;

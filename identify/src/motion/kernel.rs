@@ -132,12 +132,12 @@ impl SparseColumns {
         &self.entries[start..self.ends[sample]]
     }
 
-    /// Filtered at `kept` (ascending), (kept, columns).
+    /// Filtered at `kept` (ascending) without the samples that are not of `slides`, (kept, columns).
     pub(super) fn filtered(
         &self,
         kernel: &Kernel,
         runs: &[Range<usize>],
-        kept: &[usize],
+        (kept, slides): (&[usize], &[bool]),
         columns: usize,
     ) -> DMatrix<f64> {
         // Rows are made one after the other, and a matrix is stored column by column.
@@ -148,6 +148,9 @@ impl SparseColumns {
                 run += 1;
             }
             kernel.each(&runs[run], at, |i, weight| {
+                if !slides[i] {
+                    return;
+                }
                 for &(column, value) in self.at(i) {
                     row[column] += weight * value;
                 }

@@ -26,6 +26,9 @@ pub fn simulated_floor(
     let both = motion.q.len().min(noisy.q.len());
     let kept: Vec<usize> = noisy.kept.iter().copied().filter(|i| *i < both).collect();
     motion.kept.clone_from(&kept);
+    for (here, there) in motion.slides.iter_mut().zip(&noisy.slides) {
+        *here = *there;
+    }
     let (columns, without) = left(&motion, &diagnosis.found(), &diagnosis.model).ok()?;
     let noise: Vec<f64> = diagnosis
         .model

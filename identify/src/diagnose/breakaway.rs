@@ -1,0 +1,247 @@
+//! How much more it takes to leave rest than to slide: read off the effort while the joint rests, which no fit of the motion sees.
+
+use super::confirm::Confirmation;
+use super::model::Found;
+use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
+use crate::dynamics::DynamicsError;
+use crate::effect::library::kind;
+use crate::motion::{Motion, MotionError, MotionSettings};
+use crate::samples::{JointSamples, extrema, quantile};
+
+/// What the joint took to break away beyond what it took to slide from there on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Breakaway {
+    /// Beyond sliding, the median over all times that it left rest: N m or N.
+    pub(crate) excess: f64,
+    /// Standard deviation of that median.
+    pub(crate) std: f64,
+    /// Sliding friction there, the median: N m or N.
+    pub(crate) sliding: f64,
+    /// How often it left rest.
+    pub(crate) count: usize,
+}
+
+/// A rest lasts at least so long, s.
+const RESTS_S: f64 = 0.1;
+/// The effort is looked at for so long before the joint leaves and after it, s.
+const AROUND_S: [f64; 2] = [0.1, 0.02];
+/// It has left when it is this share of the range away after so long, s.
+const LEFT: f64 = 0.01;
+const AFTER_S: f64 = 0.15;
+/// Rests this near to an end are at a stop or on a catch, as a share of the range.
+const END: f64 = 0.06;
+
+impl Breakaway {
+    /// Of a motion whose effort while it slides is inertia, friction and `found` with the estimates `theta`; nothing when it never
+    /// left a rest away from the ends. Effort and motion go through the same smoothing: a joint that just breaks away accelerates,
+    /// and its inertia is not taken for friction.
+    ///
+    /// # Errors
+    /// When the effort cannot be filtered.
+    pub(crate) fn of(
+        motion: &Motion,
+        found: &[Found],
+        theta: &[f64],
+    ) -> Result<Option<Self>, MotionError> {
+        let samples = |s: f64| (s / motion.period).round() as usize;
+        let (low, high) = extrema(&motion.q);
+        let (from, to) = (low + END * (high - low), high - END * (high - low));
+        let sliding = Sliding::of(motion, found, theta);
+        let effort = motion.smoothed(&motion.tau)?;
+        let friction = |j: usize| {
+            effort[j] - theta[0] * motion.ddq[j] - theta[2] * motion.dq[j] - sliding.load(j)
+        };
+        let mut excesses = Vec::new();
+        let mut levels = Vec::new();
+        for run in &motion.runs {
+            let mut rests = 0;
+            for i in run.start..run.end.saturating_sub(samples(AFTER_S)) {
+                if motion.dq[i].abs() < motion.slow_speed {
+                    rests += 1;
+                    continue;
+                }
+                let rested = core::mem::take(&mut rests);
+                let way = motion.q[i + samples(AFTER_S)] - motion.q[i];
+                let inside = (from..to).contains(&motion.q[i]);
+                if rested < samples(RESTS_S) || !inside || way.abs() < LEFT * (high - low) {
+                    continue;
+                }
+                let direction = way.signum();
+                let [before, after] = AROUND_S.map(samples);
+                let looked = i - rested.min(before)..i + after;
+                let most = looked
+                    .map(|j| direction * friction(j))
+                    .fold(f64::NEG_INFINITY, f64::max);
+                let level = direction * (sliding.at(i, direction) - sliding.load(i));
+                excesses.push(most - level);
+                levels.push(level);
+            }
+        }
+        let excess = quantile(&excesses, 0.5);
+        let apart: Vec<f64> = excesses.iter().map(|e| (e - excess).abs()).collect();
+        // Of a median, from the median deviation, for normal scatter.
+        let std = 1.2533 * 1.4826 * quantile(&apart, 0.5) / (excesses.len() as f64).sqrt();
+        Ok((!excesses.is_empty()).then_some(Self {
+            excess,
+            std,
+            sliding: quantile(&levels, 0.5),
+            count: excesses.len(),
+        }))
+    }
+
+    /// Whether that is more than dry contacts have as a rule.
+    pub(crate) fn is_stiction(&self) -> bool {
+        self.count >= LEAST_COUNT && self.excess - 2.0 * self.std > UNUSUAL * self.sliding
+    }
+}
+
+/// Break-aways that it takes to tell.
+const LEAST_COUNT: usize = 6;
+/// Static friction up to one and a half times the sliding one is what dry contacts have.
+const UNUSUAL: f64 = 0.5;
+
+/// The model's effort as the joint just slides, by sample.
+struct Sliding<'a> {
+    motion: &'a Motion,
+    found: &'a [Found],
+    theta: &'a [f64],
+    /// Effects that are no function of the state, as they are at each sample.
+    rest: Vec<f64>,
+}
+
+impl<'a> Sliding<'a> {
+    fn of(motion: &'a Motion, found: &'a [Found], theta: &'a [f64]) -> Self {
+        let mut rest = vec![0.0; motion.q.len()];
+        let mut at = 3;
+        for found in found {
+            let terms = found.terms().count();
+            if found.kind.at.is_none() {
+                for (series, theta) in found.series(motion).iter().zip(&theta[at..at + terms]) {
+                    for (rest, value) in rest.iter_mut().zip(series) {
+                        *rest += theta * value;
+                    }
+                }
+            }
+            at += terms;
+        }
+        Self {
+            motion,
+            found,
+            theta,
+            rest,
+        }
+    }
+
+    /// About to slide towards `direction` at sample `i`.
+    fn at(&self, i: usize, direction: f64) -> f64 {
+        let q = self.motion.q[i];
+        let dq = direction * SLOWEST * self.motion.slow_speed;
+        let mut sum = self.theta[1] * direction + self.rest[i];
+        let mut at = 3;
+        for found in self.found {
+            let terms = found.terms().count();
+            if let Some(state) = found.kind.at {
+                let all = state(&found.shape, q + found.datum, dq);
+                let used = all.into_iter().zip(&found.used).filter(|(_, used)| **used);
+                for ((value, _), theta) in used.zip(&self.theta[at..at + terms]) {
+                    sum += theta * value;
+                }
+            }
+            at += terms;
+        }
+        sum
+    }
+
+    /// What it takes at sample `i` without friction: midway between sliding one way and the other.
+    fn load(&self, i: usize) -> f64 {
+        0.5 * (self.at(i, 1.0) + self.at(i, -1.0))
+    }
+}
+
+/// Speed at which sliding begins, as a share of that below which the joint rests.
+const SLOWEST: f64 = 1e-3;
+
+/// Names stiction when it took more than usual to break away, in `diagnosis` and on each of `others` (file name, samples) alike, and
+/// nothing else is missing that could be taken for it: a seal that peels off resists on the way behind its place too.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub(crate) fn add_stiction(
+    diagnosis: &mut Diagnosis,
+    confirmed: &mut [Confirmation],
+    others: &[(String, JointSamples)],
+    settings: &MotionSettings,
+) -> Result<(), DynamicsError> {
+    let Some(kind) = kind("stiction") else {
+        return Ok(());
+    };
+    let found = diagnosis.found();
+    let here = Breakaway::of(&diagnosis.motion, &found, diagnosis.model.theta.as_slice())?;
+    let Some(here) = here else {
+        return Ok(());
+    };
+    if !here.is_stiction() {
+        return Ok(());
+    }
+    let held_out_rms = errors(&diagnosis.motion, &found)?;
+    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let mut refuse = |reason| {
+        diagnosis.refused.push(Refused {
+            name: kind.name,
+            reason,
+            held_out_rms,
+        });
+    };
+    if diagnosis.model.held_out_rms > MOST_LEFT * floor {
+        refuse(format!(
+            "it takes {:.3} more to leave rest than to slide, but {:.1} noise floors are left while it slides: something else is missing",
+            here.excess,
+            diagnosis.model.held_out_rms / floor
+        ));
+        return Ok(());
+    }
+    let mut pairs = Vec::new();
+    for (file, samples) in others {
+        let motion = Motion::prepare(samples, settings)?;
+        let model = fit_found(&motion, &found)?;
+        let there = Breakaway::of(&motion, &found, model.theta.as_slice())?;
+        if !there.is_some_and(|there| there.is_stiction()) {
+            let excess = there.map_or(f64::NAN, |there| there.excess);
+            refuse(format!(
+                "not confirmed on {file}: there it takes {excess:.3} more to leave rest than to slide, here {:.3}",
+                here.excess
+            ));
+            return Ok(());
+        }
+        pairs.push(errors(&motion, &found)?);
+    }
+    for (confirmed, pair) in confirmed.iter_mut().zip(pairs) {
+        confirmed.rms.push(pair);
+    }
+    diagnosis.effects.push(NamedEffect {
+        found: Found {
+            kind,
+            shape: vec![here.excess],
+            used: Vec::new(),
+            rigid: [0.0; 3],
+            datum: 0.0,
+        },
+        held_out_rms,
+        p_value: 0.0,
+        ambiguous_with: Vec::new(),
+    });
+    Ok(())
+}
+
+/// While more noise floors than this are left, what holds the joint at rest has no sure name.
+const MOST_LEFT: f64 = 1.3;
+
+/// Errors on held-out strokes of a model that takes rest for sliding, and of one that lets friction take up what the hand gives.
+fn errors(motion: &Motion, found: &[Found]) -> Result<[f64; 2], DynamicsError> {
+    let mut sliding = motion.clone();
+    sliding.slides.fill(true);
+    Ok([
+        fit_found(&sliding, found)?.held_out_rms,
+        fit_found(motion, found)?.held_out_rms,
+    ])
+}
