@@ -13,6 +13,9 @@ import os
 import sys
 import zipfile
 
+# What write_hoi.py leaves between the two clocks.
+REST_NS = 3_200_000
+
 
 def table(path):
     with open(path, newline="") as file:
@@ -64,6 +67,26 @@ def chain(text, section, key):
     return [json.loads(line.strip()[2:]) for line in part.splitlines()[:4]]
 
 
+def gyroscope(poses, late_ns):
+    """Angular rate of the glasses at 100 Hz by the wrench's clock, in axes that nobody knows: x is where z was."""
+    lines = ["timestamp,orientation.x,angular_velocity.z,angular_velocity.y,angular_velocity.x"]
+    names = [f"q{axis}_world_device" for axis in "xyzw"]
+    for at in range(5, len(poses) - 5, 10):
+        (ax, ay, az, aw), (bx, by, bz, bw) = ([float(poses[at + side][name]) for name in names] for side in (-5, 5))
+        seconds = (int(poses[at + 5]["timestamp"]) - int(poses[at - 5]["timestamp"])) * 1e-9
+        # Imaginary part of the one's inverse times the other.
+        turn = (
+            aw * bx - ax * bw - ay * bz + az * by,
+            aw * by - ay * bw - az * bx + ax * bz,
+            aw * bz - az * bw - ax * by + ay * bx,
+        )
+        sign = 1 if aw * bw + ax * bx + ay * by + az * bz > 0 else -1
+        x, y, z = (2 * sign * part / seconds for part in turn)
+        stamp = int(poses[at]["timestamp"]) - late_ns
+        lines.append(f"{stamp},0.0,{x:.9g},{-y:.9g},{z:.9g}")
+    return ("\r\n".join(lines) + "\r\n").encode()
+
+
 def main():
     source, target, location, span, new_location, new_span = sys.argv[1:7]
     old = f"{source}/extracted/{location}/gripper"
@@ -72,6 +95,7 @@ def main():
     new_bag = f"{new}/gripper/{new_location}_{new_span}_gripper_bag"
     new_vrs = f"{new}/aria_gripper/{new_location}_{new_span}_gripper_vrs"
 
+    poses = table(f"{vrs}/slam/closed_loop_trajectory/data.csv")
     # The whole force_torque folder in one zip, and in it the stream zipped again; the wrench after the dataset's own processing.
     wrench = table(f"{bag}/force_torque/ft_sensor0/ft_sensor_readings/wrench/data.csv")
     axes = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
@@ -89,11 +113,10 @@ def main():
         f"{new_bag}/force_torque.zip",
         packed([
             ("force_torque/ft_sensor0/ft_sensor_readings/wrench.zip", stream),
-            ("force_torque/ft_sensor0/ft_sensor_readings/imu/data.csv", b"timestamp,x\r\n"),
+            ("force_torque/ft_sensor0/ft_sensor_readings/imu/data.csv", gyroscope(poses, REST_NS)),
         ]),
     )
     # The glasses: slam zipped, in it the trajectory and the aligned one, which is another world and not what is asked for.
-    poses = table(f"{vrs}/slam/closed_loop_trajectory/data.csv")
     columns = [name for name in poses[0] if name != "timestamp"][::-1] + ["timestamp"]
     poses_csv = written(poses, columns, "x")
     other = written([dict(row, tx_world_device="1e3") for row in poses], columns, "x")

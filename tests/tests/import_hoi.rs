@@ -157,6 +157,14 @@ fn a_tree_of_another_style_is_the_same_recording() {
     assert!(!lacks(&a.0, "temperature/data.csv") && lacks(&b.0, "temperature/data.csv"));
     assert!(lacks(&a.0, "imu/data.csv") && !lacks(&b.0, "imu/data.csv"));
 
+    // The second tree's gyroscope says that the alignment by the tool's weight is right, to within one of its samples.
+    assert_eq!(a.0.gyro_check, None);
+    let check = b.0.gyro_check.unwrap();
+    assert!(
+        check.offset_ms.abs() < 2.0 && check.explained > 0.9,
+        "{check:?}"
+    );
+
     // From inside the tree, by a path without a name.
     let inside = other.join("extracted/living_room_2/gripper/gripper");
     programs::run(

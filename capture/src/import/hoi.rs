@@ -13,6 +13,7 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
+mod gyro;
 mod pieces;
 mod report;
 mod weigh;
@@ -30,6 +31,7 @@ use ft_recording::{
 use ft_wire::HostTime;
 use ft_wire::frames::{Frame, FtSensor};
 
+pub use gyro::GyroCheck;
 use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
 use weigh::{free_air, quiet_bias};
@@ -120,25 +122,11 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
     let trajectory = import.trajectory()?;
     let frames = import.frames()?;
     let temperature = import.temperature()?;
-    for (parts, cost) in [
-        (
-            &["dynamixel_workbench", "joint_states", "data.csv"][..],
-            "no jaw width",
-        ),
-        (
-            &[
-                "force_torque",
-                "ft_sensor0",
-                "ft_sensor_readings",
-                "imu",
-                "data.csv",
-            ][..],
-            "no check by the sensor's own gyroscope",
-        ),
-    ] {
-        if import.in_bag(parts)?.is_none() {
-            import.missing.push(format!("{}: {cost}", parts.join("/")));
-        }
+    let gyro = import.gyro()?;
+    let width = ["dynamixel_workbench", "joint_states", "data.csv"];
+    if import.in_bag(&width)?.is_none() {
+        let text = format!("{}: no jaw width", width.join("/"));
+        import.missing.push(text);
     }
     let pose = |frame: &crate::config::StaticPose| Pose7 {
         position: frame.position_m,
@@ -176,7 +164,14 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             sample.at = alignment.shifted(sample.at, start);
         }
     }
+    let gyro_check = gyro::check(&recording.pose.samples, &gyro);
+    if gyro_check.is_none() && !gyro.is_empty() {
+        let text =
+            "no check by the sensor's own gyroscope: it and the poses do not show the same turns";
+        import.missing.push(text.to_owned());
+    }
     let report = HoiReport {
+        gyro_check,
         name: part.name.clone(),
         path: out.to_owned(),
         samples: [

@@ -144,6 +144,50 @@ impl Import<'_> {
         }))
     }
 
+    /// The sensor's gyroscope, rad/s, by the wrench's clock. Nothing that is needed, either.
+    pub(super) fn gyro(&mut self) -> Result<Vec<Stamped<[f64; 3]>>, ImportError> {
+        let parts = [
+            "force_torque",
+            "ft_sensor0",
+            "ft_sensor_readings",
+            "imu",
+            "data.csv",
+        ];
+        let what = format!(
+            "{}: no check by the sensor's own gyroscope",
+            parts.join("/")
+        );
+        let Some(found) = self.in_bag(&parts)? else {
+            self.missing.push(what);
+            return Ok(Vec::new());
+        };
+        let read = || {
+            let table = Table::from_bytes(&found.bytes, &found.path)?;
+            let time = table.column("timestamp")?;
+            let rate = table.columns([
+                "angular_velocity.x",
+                "angular_velocity.y",
+                "angular_velocity.z",
+            ])?;
+            let sample = |row| {
+                Ok(Stamped {
+                    at: HostTime::from_nanos(table.integer(row, time)?),
+                    value: table.numbers(row, rate)?,
+                })
+            };
+            let samples = (0..table.len()).map(sample);
+            let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
+            samples.retain(|sample| sample.value.iter().all(|rate| rate.is_finite()));
+            samples.sort_by_key(|sample| sample.at);
+            samples.dedup_by_key(|sample| sample.at);
+            Ok(samples)
+        };
+        Ok(read().unwrap_or_else(|error: ImportError| {
+            self.missing.push(format!("{what} ({error})"));
+            Vec::new()
+        }))
+    }
+
     pub(super) fn trajectory(&mut self) -> Result<Trajectory, ImportError> {
         let parts = ["slam", "closed_loop_trajectory", "data.csv"];
         let found = self.in_vrs(&parts)?;

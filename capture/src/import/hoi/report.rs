@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::GyroCheck;
 use crate::calibrate::Alignment;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
 
@@ -25,6 +26,8 @@ pub struct HoiReport {
     pub calibration: HoiCalibration,
     /// How far the poses were moved; none when the free air does not show it.
     pub alignment: Option<Alignment>,
+    /// What the sensor's own gyroscope says of the times that were written; none when it shows nothing.
+    pub gyro_check: Option<GyroCheck>,
     /// What is not there, and what that costs.
     pub missing: Vec<String>,
     /// What it was made from.
@@ -81,6 +84,14 @@ impl fmt::Display for HoiReport {
         }
         if let Some(alignment) = &self.alignment {
             write!(f, "\n  {alignment}")?;
+        }
+        if let Some(check) = &self.gyro_check {
+            write!(
+                f,
+                "\n  the sensor's gyroscope agrees to {:+.1} ms ({:.0} % of the turns)",
+                check.offset_ms,
+                100.0 * check.explained
+            )?;
         }
         for missing in &self.missing {
             write!(f, "\n  missing: {missing}")?;

@@ -1,0 +1,176 @@
+//! A check of the time between poses and wrench by the sensor's own gyroscope, which has the wrench's clock.
+//!
+//! The size of the angular rate is the same in all axes of a rigid tool, so that nothing need be known of how the gyroscope is turned:
+//! its mean over 40 ms is compared with the angle that the poses turn by meanwhile, at shifts of up to half a second.
+
+use ft_recording::{Pose7, Stamped};
+use ft_wire::HostTime;
+use serde::Serialize;
+
+/// Half of the time over which rates are taken, ns.
+const HALF_NS: i64 = 20_000_000;
+/// Rows and shifts stand this far apart, ns.
+const STEP_NS: i64 = 5_000_000;
+/// Shifts to either side.
+const SHIFTS: i64 = 100;
+/// Rows that a check needs: 5 s.
+const MIN_ROWS: usize = 1_000;
+/// Rates must vary by so much, rad/s rms about their mean, ...
+const MIN_MOTION: f64 = 0.1;
+/// ... and the gyroscope must explain so much of what the poses turn.
+const MIN_EXPLAINED: f64 = 0.8;
+
+/// What the gyroscope says.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GyroCheck {
+    /// To add to the poses' stamps after all that was added, ms.
+    pub offset_ms: f64,
+    /// Share of the variance of the poses' angular rate that the gyroscope's explains at that shift.
+    pub explained: f64,
+}
+
+/// Compares the poses' angular rate with the gyroscope's, rad/s; `None` when there is too little of either, they move too little, or do
+/// not belong to each other.
+pub(super) fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<GyroCheck> {
+    let (first, last) = (poses.first()?.at.as_nanos(), poses.last()?.at.as_nanos());
+    let sums = sums(gyro);
+    let turned: Vec<(i64, f64)> = (1..)
+        .map(|k| first + HALF_NS + k * STEP_NS)
+        .take_while(|at| *at < last - HALF_NS)
+        .filter_map(|at| turn(poses, at))
+        .collect();
+    let left = |shift: i64| -> Option<f64> {
+        let rows: Vec<(f64, f64)> = turned
+            .iter()
+            .filter_map(|(at, rate)| Some((*rate, mean(&sums, at + shift)?)))
+            .collect();
+        let n = rows.len() as f64;
+        if rows.len() < MIN_ROWS {
+            return None;
+        }
+        let centre = rows.iter().map(|row| row.0).sum::<f64>() / n;
+        let whole = rows.iter().map(|row| (row.0 - centre).powi(2)).sum::<f64>() / n;
+        let apart = rows.iter().map(|row| (row.0 - row.1).powi(2)).sum::<f64>() / n;
+        (whole.sqrt() > MIN_MOTION).then_some(apart / whole)
+    };
+    let found: Vec<(i64, f64)> = (-SHIFTS..=SHIFTS)
+        .filter_map(|k| Some((k, left(k * STEP_NS)?)))
+        .collect();
+    let best =
+        (1..found.len().saturating_sub(1)).min_by(|a, b| found[*a].1.total_cmp(&found[*b].1))?;
+    let ((_, a), (k, b), (_, c)) = (found[best - 1], found[best], found[best + 1]);
+    // The parabola through the three best.
+    let bend = a - 2.0 * b + c;
+    let part = if bend > 0.0 {
+        0.5 * (a - c) / bend
+    } else {
+        0.0
+    };
+    let explained = 1.0 - b;
+    (k.abs() < SHIFTS && explained >= MIN_EXPLAINED).then_some(GyroCheck {
+        offset_ms: (k as f64 + part) * STEP_NS as f64 * 1e-6,
+        explained,
+    })
+}
+
+/// Mean angular rate of the poses around `at`, rad/s, between the poses next to the ends of that time, and the middle between these, ns.
+fn turn(poses: &[Stamped<Pose7>], at: i64) -> Option<(i64, f64)> {
+    let near = |at: i64| {
+        let after = poses.partition_point(|pose| pose.at.as_nanos() < at);
+        poses.get(after)
+    };
+    let (a, b) = (near(at - HALF_NS)?, near(at + HALF_NS)?);
+    let time = b.at.seconds_since(a.at);
+    let dot: f64 = (0..4)
+        .map(|k| a.value.quaternion[k] * b.value.quaternion[k])
+        .sum();
+    let middle = a.at.as_nanos().midpoint(b.at.as_nanos());
+    (time > 0.0 && time < 0.1).then(|| (middle, 2.0 * dot.abs().min(1.0).acos() / time))
+}
+
+/// The integral of the size of the rate from the first sample to each, rad.
+fn sums(gyro: &[Stamped<[f64; 3]>]) -> Vec<(HostTime, f64)> {
+    let size = |rate: &[f64; 3]| rate.iter().map(|value| value * value).sum::<f64>().sqrt();
+    let mut sum = 0.0;
+    let mut before: Option<&Stamped<[f64; 3]>> = None;
+    let mut out = Vec::with_capacity(gyro.len());
+    for sample in gyro {
+        if let Some(before) = before {
+            let time = sample.at.seconds_since(before.at);
+            sum += 0.5 * (size(&before.value) + size(&sample.value)) * time;
+        }
+        out.push((sample.at, sum));
+        before = Some(sample);
+    }
+    out
+}
+
+/// Mean rate around `at`, rad/s.
+fn mean(sums: &[(HostTime, f64)], at: i64) -> Option<f64> {
+    let value = |at: i64| {
+        let after = sums.partition_point(|(t, _)| t.as_nanos() <= at);
+        let ((t0, a), (t1, b)) = (sums.get(after.checked_sub(1)?)?, sums.get(after)?);
+        let step = t1.seconds_since(*t0);
+        let part = 1e-9 * (at - t0.as_nanos()) as f64 / step.max(1e-9);
+        (step < 0.1).then(|| a + (b - a) * part)
+    };
+    Some((value(at + HALF_NS)? - value(at - HALF_NS)?) / (2e-9 * HALF_NS as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START: i64 = 1_700_000_000_000_000_000;
+
+    /// Turns about z by a sum of sines; poses at 1 kHz stamped `late_ns` too late, a gyroscope turned otherwise at 100 Hz.
+    fn recorded(late_ns: i64, size: f64) -> (Vec<Stamped<Pose7>>, Vec<Stamped<[f64; 3]>>) {
+        let angle = |t: f64| size * ((3.1 * t).sin() + 0.7 * (7.3 * t).cos());
+        let rate = |t: f64| size * (3.1 * (3.1 * t).cos() - 5.11 * (7.3 * t).sin());
+        let poses = (0..12_000).map(|k| {
+            let (sin, cos) = (0.5 * angle(1e-3 * k as f64)).sin_cos();
+            Stamped {
+                at: HostTime::from_nanos(START + k * 1_000_000 + late_ns),
+                value: Pose7 {
+                    position: [0.0; 3],
+                    quaternion: [0.0, 0.0, sin, cos],
+                },
+            }
+        });
+        let gyro = (0..1_200).map(|k| {
+            let w = rate(0.01 * k as f64);
+            Stamped {
+                at: HostTime::from_nanos(START + k * 10_000_000),
+                value: [0.6 * w, 0.0, -0.8 * w],
+            }
+        });
+        (poses.collect(), gyro.collect())
+    }
+
+    #[test]
+    fn the_gyroscope_says_how_late_the_poses_are_stamped() {
+        for late_ms in [0.0, 3.2, -41.7, 260.0] {
+            let (poses, gyro) = recorded((late_ms * 1e6) as i64, 0.4);
+            let found = check(&poses, &gyro).unwrap();
+            assert!(
+                (found.offset_ms + late_ms).abs() < 0.5,
+                "{late_ms}: {found:?}"
+            );
+            assert!(found.explained > 0.95, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_shows_nothing_is_not_compared() {
+        let (poses, gyro) = recorded(0, 0.4);
+        assert_eq!(check(&poses, &[]), None);
+        assert_eq!(check(&[], &gyro), None);
+        assert_eq!(check(&poses[..2_000], &gyro), None);
+        // Nearly still, another motion, and further off than is looked.
+        let (still, of_still) = recorded(0, 0.01);
+        assert_eq!(check(&still, &of_still), None);
+        assert_eq!(check(&poses, &of_still), None);
+        let (late, gyro) = recorded(5_000_000_000, 0.4);
+        assert!(check(&late, &gyro).is_none_or(|found| found.explained < 0.95));
+    }
+}
