@@ -5,6 +5,9 @@
 //! - nonlinear ones are evaluated on the motion smoothed at twice the cut-off and then go through `F` too
 //!   ([`Motion::regressor`]), also `sgn(dq)`.
 //!
+//! Where the joint rests, friction takes up whatever the hand gives: there all of these count as zero before the filter, so that no
+//! effort at rest is spread over the samples nearby ([`Motion::slides`]).
+//!
 //! Samples for the fit are then taken at about four times the cut-off and gated by name.
 
 mod cover;

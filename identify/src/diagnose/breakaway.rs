@@ -245,3 +245,71 @@ fn errors(motion: &Motion, found: &[Found]) -> Result<[f64; 2], DynamicsError> {
         fit_found(motion, found)?.held_out_rms,
     ])
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::PI;
+
+    use super::*;
+    use crate::samples::Aside;
+    use crate::screw::JointKind;
+
+    const RATE: f64 = 400.0;
+    const PLACES: [f64; 16] = [
+        0.0, 0.4, 0.2, 0.3, 0.1, 0.25, 0.15, 0.3, 0.1, 0.2, 0.3, 0.12, 0.28, 0.1, 0.2, 0.0,
+    ];
+
+    /// Pulls from place to place: 0.8 s of pulling harder and harder at rest, up to `extra` above the sliding friction of 4 N, then
+    /// 0.7 s of 3 kg on the way.
+    fn pulled(extra: f64) -> JointSamples {
+        let (mut q, mut tau) = (Vec::new(), Vec::new());
+        for pair in PLACES.windows(2) {
+            let way = pair[1] - pair[0];
+            let (rest, moves) = ((0.8 * RATE) as usize, (0.7 * RATE) as usize);
+            for i in 0..rest {
+                q.push(pair[0]);
+                tau.push(way.signum() * (4.0 + extra) * i as f64 / rest as f64);
+            }
+            for i in 0..moves {
+                let (w, u) = (PI / 0.7, PI * i as f64 / moves as f64);
+                q.push(pair[0] + 0.5 * way * (1.0 - u.cos()));
+                let (dq, ddq) = (0.5 * way * w * u.sin(), 0.5 * way * w * w * u.cos());
+                tau.push(3.0 * ddq + 4.0 * way.signum() + 2.0 * dq);
+            }
+        }
+        JointSamples {
+            kind: JointKind::Prismatic,
+            period: 1.0 / RATE,
+            runs: vec![0..q.len()],
+            time: (0..q.len()).map(|i| i as f64 / RATE).collect(),
+            q,
+            tau,
+            noise_of_q: Vec::new(),
+            aside: Aside::default(),
+        }
+    }
+
+    fn measured(extra: f64) -> (Breakaway, f64) {
+        let motion = Motion::prepare(&pulled(extra), &MotionSettings::default()).unwrap();
+        let model = fit_found(&motion, &[]).unwrap();
+        let found = Breakaway::of(&motion, &[], model.theta.as_slice()).unwrap();
+        (found.unwrap(), model.theta[1])
+    }
+
+    #[test]
+    fn more_effort_to_leave_rest_than_to_slide_is_seen_and_inertia_is_not_taken_for_it() {
+        let (none, coulomb) = measured(0.0);
+        assert!(
+            none.excess.abs() < 0.2 * 4.0 && !none.is_stiction(),
+            "{none:?}"
+        );
+        assert!((coulomb - 4.0).abs() < 0.2, "{coulomb}");
+        let (much, coulomb) = measured(5.0);
+        assert!(
+            (much.excess - 5.0).abs() < 0.25 * 5.0 && much.is_stiction(),
+            "{much:?}"
+        );
+        // Friction at rest is no sliding friction.
+        assert!((coulomb - 4.0).abs() < 0.2, "{coulomb}");
+    }
+}
