@@ -278,6 +278,56 @@ fn holes_split_the_motion_and_are_counted() {
 }
 
 #[test]
+fn strokes_of_one_slow_pace_leave_the_inertia_null_with_what_to_do() {
+    let slow = Scene {
+        pace: 0.25,
+        inertia: 0.4,
+        load: |_| 0.0,
+        ..Scene::door()
+    };
+    let found = identify(&slow.record()).unwrap();
+    assert_eq!(found.axis.unwrap().kind, JointKind::Revolute);
+    assert_eq!(found.report.term("inertia").unwrap().value, None);
+    let reason = &found.report.not_identified["inertia"];
+    assert!(reason.contains("fast strokes"), "{reason}");
+    assert_near(
+        "coulomb",
+        found.report.term("coulomb").unwrap().value,
+        1.5,
+        0.15,
+    );
+}
+
+#[test]
+fn a_tool_that_slips_along_the_handle_is_refused_and_a_little_slip_is_not() {
+    let slipped = |by_m: f64| {
+        let mut recording = Scene::door().record();
+        for sample in &mut recording.pose.samples {
+            let t = sample.at.seconds_since(synthetic::at(0.0));
+            sample.value.position[2] -= by_m * ((t - 25.0) / 2.0).clamp(0.0, 1.0);
+        }
+        identify(&recording)
+    };
+    let error = slipped(0.08).map(|_| ()).unwrap_err();
+    assert!(
+        matches!(error, IdentifyError::NeitherJoint { .. }),
+        "{error}"
+    );
+    let text = error.to_string();
+    assert!(
+        text.contains("slid along the handle") && text.contains("grasp firmly"),
+        "{text}"
+    );
+    let found = slipped(0.005).unwrap();
+    assert_near(
+        "inertia",
+        found.report.term("inertia").unwrap().value,
+        4.0,
+        0.05,
+    );
+}
+
+#[test]
 fn each_refusal_says_what_and_what_to_do() {
     let refused = |change: &dyn Fn(&mut Recording)| {
         let mut recording = Scene::door().record();

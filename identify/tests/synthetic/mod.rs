@@ -31,6 +31,8 @@ pub struct Scene {
     pub load: fn(f64) -> f64,
     pub range: f64,
     pub probing_s: f64,
+    /// Below 1 all strokes are slower by that.
+    pub pace: f64,
     pub free_after_s: f64,
     pub wander: [f64; 2],
     pub drift_n_per_s: f64,
@@ -47,6 +49,7 @@ impl Scene {
             load: |q| 2.0 + 3.0 * q,
             range: 1.2,
             probing_s: 40.0,
+            pace: 1.0,
             free_after_s: 0.0,
             wander: [1.5e-3, 2e-3],
             drift_n_per_s: 0.0,
@@ -128,7 +131,7 @@ impl Scene {
 
     /// Joint coordinate while held: strokes that grow faster.
     pub fn q(&self, t: f64) -> f64 {
-        let t = (t - GRASP_S).clamp(0.0, self.probing_s);
+        let t = self.pace * (t - GRASP_S).clamp(0.0, self.probing_s);
         let phi = 0.4 * t + 0.055 * t * t + 0.35 * (1.0 - (1.3 * t).cos());
         self.range * (1.0 - phi.cos()) / 2.0
     }
