@@ -1,18 +1,20 @@
 """The paper's pipeline in Python, to compare speeds with: NumPy, SciPy's NNLS, PyTorch on the CPU.
 
-Usage: paper_pipeline.py RECORDING.mcap [--window 0.155] [--rate 100] [--epochs 1200] [--no-network]
+Usage: paper_pipeline.py DIR [--window 0.155] [--rate 100] [--epochs 1200] [--patience 120]
 
-Needs numpy, scipy, mcap, mcap-ros2-support and torch (Debian: python3-torch). Not part of the tests: `cargo run --release
--p ft-tests --bin speed` runs it beside ft-identify on the same recording and prints both.
+DIR holds a recording's aligned streams as little-endian float64: wrench.f64 (stamp s, force N, torque N m), pose.f64 (stamp s,
+position m of the TCP, quaternion x y z w), and meta.json (marks and the sensor's place). `cargo run --release -p ft-tests --bin
+speed` writes them and runs this beside ft-identify. Needs numpy, scipy and torch (Debian: python3-scipy python3-torch).
 
-Steps, each timed: read poses and wrenches; joint by a screw fit to the track (both kinds, the better one); generalized effort
-by virtual work, tool's weight taken off by the free-air part; joint coordinate smoothed by a local cubic, gates, NNLS for mu,
-b, I; network g(q) + c(q, |dq|) dq as the paper trains it. Prints one JSON object.
+Steps, each timed: interpolate; joint by a line and a circle through the positions, the better one; generalized effort by virtual
+work, the tool's weight taken off by the free-air part; joint coordinate smoothed by a local cubic, gates, NNLS for mu, b, I;
+network g(q) + c(q, |dq|) dq as the paper trains it. Prints one JSON object.
 """
 
 import argparse
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import nnls
@@ -22,32 +24,12 @@ from scipy.spatial.transform import Rotation, Slerp
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
 
-def read(path):
-    """Wrenches, poses and marks as arrays with times in s; /tf_static's transforms."""
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    wrench, pose, marks, static = [], [], [], {}
-    with open(path, "rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        topics = ["/ft/wrench", "/tcp/pose", "/ft/events", "/ft/mark", "/tf_static"]
-        for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
-            if channel.topic == "/tf_static":
-                for one in decoded.transforms:
-                    t, r = one.transform.translation, one.transform.rotation
-                    static[one.child_frame_id] = (one.header.frame_id, [t.x, t.y, t.z], [r.x, r.y, r.z, r.w])
-                continue
-            if channel.topic in ("/ft/events", "/ft/mark"):
-                marks.append((message.log_time * 1e-9, getattr(decoded, "data", str(decoded))))
-                continue
-            stamp = decoded.header.stamp.sec + 1e-9 * decoded.header.stamp.nanosec
-            if channel.topic == "/ft/wrench":
-                f, m = decoded.wrench.force, decoded.wrench.torque
-                wrench.append((stamp, f.x, f.y, f.z, m.x, m.y, m.z))
-            else:
-                p, o = decoded.pose.position, decoded.pose.orientation
-                pose.append((stamp, p.x, p.y, p.z, o.x, o.y, o.z, o.w))
-    return np.array(wrench), np.array(pose), marks, static
+def read(folder):
+    """Wrenches and poses as arrays with times in s, marks, and the sensor in the TCP's frame."""
+    wrench = np.fromfile(folder / "wrench.f64").reshape(-1, 7)
+    pose = np.fromfile(folder / "pose.f64").reshape(-1, 8)
+    meta = json.loads((folder / "meta.json").read_text())
+    return wrench, pose, meta["marks"], meta["tcp_from_ft_sensor"]
 
 
 def circle(points):
@@ -72,7 +54,7 @@ def line(points):
     return direction, middle, np.sqrt(np.mean(np.sum(rest**2, axis=1)))
 
 
-def network(q, dq, tau, epochs):
+def network(q, dq, tau, epochs, patience):
     """Trains the residual network and gives its error and the epochs it took."""
     import torch
 
@@ -107,7 +89,7 @@ def network(q, dq, tau, epochs):
         with torch.no_grad():
             now = float(error(held))
         best, since = (now, 0) if now < best else (best, since + 1)
-        if since >= 120:
+        if since >= patience:
             break
     with torch.no_grad():
         return float(torch.sqrt(error(order))) * scale[2], done
@@ -115,11 +97,11 @@ def network(q, dq, tau, epochs):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("recording")
+    parser.add_argument("folder", type=Path)
     parser.add_argument("--window", type=float, default=0.155)
     parser.add_argument("--rate", type=float, default=100.0)
     parser.add_argument("--epochs", type=int, default=1200)
-    parser.add_argument("--no-network", action="store_true")
+    parser.add_argument("--patience", type=int, default=120)
     args = parser.parse_args()
     seconds, started = {}, time.perf_counter()
 
@@ -129,32 +111,20 @@ def main():
         seconds[name] = now - started
         started = now
 
-    wrench, pose, marks, static = read(args.recording)
+    wrench, pose, marks, mounted = read(args.folder)
     lap("read")
 
     def mark(name):
-        return next(t for t, text in marks if name in str(text))
+        return next(t for t, text in marks if text == name)
 
     t = wrench[:, 0]
     position = np.stack([np.interp(t, pose[:, 0], pose[:, k]) for k in (1, 2, 3)], axis=1)
     inside = np.clip(t, pose[0, 0], pose[-1, 0])
     rotation = Slerp(pose[:, 0], Rotation.from_quat(pose[:, 4:8]))(inside)
     held = (t > mark("grasp") + 0.2) & (t < mark("release") - 0.2)
-    free = (t > mark("free_air_begin") + 0.2) & (t < mark("free_air_end") - 0.2)
-    # ft_sensor in tcp: through hand, as /tf_static has it.
-    chain = {name: (parent, np.array(p), Rotation.from_quat(r)) for name, (parent, p, r) in static.items()}
-
-    def in_hand(name):
-        shift, turn = np.zeros(3), Rotation.identity()
-        while name in chain and name != "hand":
-            parent, p, r = chain[name]
-            shift, turn = p + r.apply(shift), r * turn
-            name = parent
-        return shift, turn
-
-    (tcp, tcp_turn), (sensor, sensor_turn) = in_hand("tcp"), in_hand("ft_sensor")
-    lever = tcp_turn.inv().apply(sensor - tcp)
-    turn = rotation * (tcp_turn.inv() * sensor_turn)
+    free = (t > mark("free_air_begin") + 0.2) & (t < mark("grasp") - 1.0)
+    lever, sensor_turn = np.array(mounted[:3]), Rotation.from_quat(mounted[3:])
+    turn = rotation * sensor_turn
     origin = position + rotation.apply(lever)
     lap("align")
 
@@ -215,13 +185,12 @@ def main():
 
     out = {"joint": "prismatic" if prismatic else "revolute", "samples": len(tau), "inertia_coulomb_viscous": theta.tolist()}
     out["rms"] = float(np.sqrt(np.mean(residual**2)))
-    if not args.no_network:
-        import torch  # its import is not part of the training's time
+    import torch  # its import is not part of the training's time
 
-        started = time.perf_counter()
-        out["network_rms"], out["epochs"] = network(q, dq, residual, args.epochs)
-        out["threads"] = torch.get_num_threads()
-        lap("network")
+    started = time.perf_counter()
+    out["network_rms"], out["epochs"] = network(q, dq, residual, args.epochs, args.patience)
+    out["threads"] = torch.get_num_threads()
+    lap("network")
     out["seconds"] = seconds
     print(json.dumps(out))
 

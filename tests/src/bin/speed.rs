@@ -1,0 +1,174 @@
+//! `cargo run --release -p ft-tests --bin speed -- [SECONDS] [SCENARIO]`: the whole identification beside the paper's pipeline in Python
+//! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines.
+//!
+//! Python gets the streams as arrays and need not read the MCAP file; ours begins with the file. Debian's `python3-torch` is needed.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use ft_capture::session::Plan;
+use ft_capture::simulated;
+use ft_identify::dynamics::{fit_base, fit_with_mechanism};
+use ft_identify::effect::RigidBody;
+use ft_identify::motion::{Motion, MotionSettings};
+use ft_identify::paper::network::Training;
+use ft_identify::paper::{PaperSettings, identify};
+use ft_identify::pipeline::{identify_recording, joint_samples};
+use ft_recording::{Pose7, Recording, TopicMap, TrackedFrame};
+use ft_sim_hw::{Fitted, Scenario, Simulation};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> Result<(), Failure> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let seconds: f64 = arguments.first().map_or(Ok(71.0), |text| text.parse())?;
+    let scenario = arguments.get(1).map_or("wood_door", String::as_str);
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("recording.mcap");
+    record(scenario, seconds, &file)?;
+    let (settings, map) = (MotionSettings::default(), TopicMap::default());
+
+    let (started, mut lap) = (Instant::now(), Vec::new());
+    let recording = Recording::load(&file, &map)?;
+    let samples = joint_samples(&recording, &settings)?;
+    let shared = started.elapsed();
+    let spline = Instant::now();
+    let motion = Motion::prepare(&samples, &settings)?;
+    fit_base(&motion)?;
+    fit_with_mechanism(&motion, &[&RigidBody])?;
+    lap.push(("ours, I mu b and spline", shared + spline.elapsed()));
+    let training = Training {
+        patience: Training::default().epochs,
+        ..Training::default()
+    };
+    let network = Instant::now();
+    let fit = identify(
+        &samples,
+        &PaperSettings {
+            training: Some(training),
+            ..PaperSettings::default()
+        },
+    )?;
+    lap.push((
+        "ours, the paper's estimator and network",
+        shared + network.elapsed(),
+    ));
+    let whole = Instant::now();
+    identify_recording(&file, &map, &settings, &mut |_| {})?;
+    lap.push((
+        "ours, all of ft-identify: effects, null, joint fit",
+        whole.elapsed(),
+    ));
+
+    write_streams(folder.path(), &recording)?;
+    let script = ft_tests::workspace_root().join("tests/peers/paper_pipeline.py");
+    let output = std::process::Command::new("/usr/bin/python3")
+        .arg(script)
+        .arg(folder.path())
+        .args(["--patience", &training.epochs.to_string()])
+        .output()?;
+    if !output.status.success() {
+        let text = String::from_utf8_lossy(&output.stderr);
+        return Err(format!(
+            "the Python pipeline failed (apt install python3-scipy python3-torch):\n{text}"
+        )
+        .into());
+    }
+    let theirs: serde_json::Value = serde_json::from_slice(&output.stdout)?;
+    let steps = theirs["seconds"]
+        .as_object()
+        .ok_or("no times from Python")?;
+    let total: f64 = steps.values().filter_map(serde_json::Value::as_f64).sum();
+    let epochs = fit.mechanism.as_ref().map_or(0, |m| m.epochs);
+    println!(
+        "simulated {scenario}, {seconds} s; {} samples, {epochs} epochs in ours, {} samples, {} epochs, {} threads in Python\n",
+        fit.samples, theirs["samples"], theirs["epochs"], theirs["threads"]
+    );
+    println!("| pipeline | s | Python / it |\n|---|---|---|");
+    println!(
+        "| Python: {theirs_steps} | {total:.2} | 1 |",
+        theirs_steps = join(steps)
+    );
+    for (name, time) in lap {
+        let time = time.as_secs_f64();
+        println!("| {name} | {time:.2} | {:.1} |", total / time);
+    }
+    Ok(())
+}
+
+fn join(steps: &serde_json::Map<String, serde_json::Value>) -> String {
+    let text = |(name, value): (&String, &serde_json::Value)| {
+        format!("{name} {:.2}", value.as_f64().unwrap_or(f64::NAN))
+    };
+    steps.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+fn record(scenario: &str, seconds: f64, file: &Path) -> Result<(), Failure> {
+    let loaded = Scenario::load(scenario)?;
+    let duration = Duration::from_secs_f64(seconds);
+    let mut simulation = Simulation::new(&loaded, 1, simulated::START, Some(duration))?;
+    let port = |_: &Fitted| "in-process".to_owned();
+    let config = simulated::config(
+        "speed",
+        simulation.fitted(),
+        &simulation.known_setup(),
+        port,
+    )?;
+    let plan = Plan {
+        config,
+        record: Some(file.to_owned()),
+        overwrite: true,
+        duration: None,
+        publish: false,
+    };
+    simulated::run(&plan, &mut simulation, |_| {}, || false)?;
+    Ok(())
+}
+
+fn isometry(pose: &Pose7) -> Isometry3<f64> {
+    let [x, y, z, w] = pose.quaternion;
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    Isometry3::from_parts(Translation3::from(pose.position), turn)
+}
+
+/// What the Python pipeline reads.
+fn write_streams(folder: &Path, recording: &Recording) -> Result<(), Failure> {
+    let tracked_from_tcp = match recording.pose.frame {
+        TrackedFrame::Tcp => Isometry3::identity(),
+        TrackedFrame::AriaDevice => isometry(&recording.aria_device_from_tcp),
+    };
+    let start = recording.wrench.first().ok_or("no wrench")?.at;
+    let mut wrench = std::io::BufWriter::new(std::fs::File::create(folder.join("wrench.f64"))?);
+    for sample in &recording.wrench {
+        for value in std::iter::once(sample.at.seconds_since(start)).chain(sample.value) {
+            wrench.write_all(&value.to_le_bytes())?;
+        }
+    }
+    let mut pose = std::io::BufWriter::new(std::fs::File::create(folder.join("pose.f64"))?);
+    for sample in &recording.pose.samples {
+        let tcp = isometry(&sample.value) * tracked_from_tcp;
+        let position: [f64; 3] = tcp.translation.vector.into();
+        let values = position
+            .into_iter()
+            .chain(tcp.rotation.coords.iter().copied());
+        for value in std::iter::once(sample.at.seconds_since(start)).chain(values) {
+            pose.write_all(&value.to_le_bytes())?;
+        }
+    }
+    let marks: Vec<(f64, &str)> = recording
+        .marks
+        .iter()
+        .map(|mark| (mark.at.seconds_since(start), mark.value.as_str()))
+        .collect();
+    let mounted = recording.tcp_from_ft_sensor;
+    let place: Vec<f64> = mounted
+        .position
+        .into_iter()
+        .chain(mounted.quaternion)
+        .collect();
+    let meta = serde_json::json!({"marks": marks, "tcp_from_ft_sensor": place});
+    std::fs::write(folder.join("meta.json"), meta.to_string())?;
+    Ok(())
+}
