@@ -383,7 +383,7 @@ pub fn calibrate_file(
         rewrite.metadata(metadata::CALIBRATION, found.calibration.to_metadata()?);
         rewrite.metadata(
             metadata::CALIBRATED,
-            found.details(&recording, outputs.shift),
+            found.details(&recording, outputs.shift && found.alignment.is_some()),
         );
         let start = recording.wrench.first().map_or(HostTime::EPOCH, |w| w.at);
         if let Some(frames) = found.frames(&recording) {
@@ -395,8 +395,9 @@ pub fn calibrate_file(
             rewrite.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
         }
         if let (true, Some(alignment)) = (outputs.shift, found.alignment) {
-            rewrite.restamp(move |name, stamp, _| match name {
-                topic::ARIA_POSE | topic::TCP_POSE => alignment.shifted(stamp, start),
+            let map = map.clone();
+            rewrite.restamp(move |name, stamp, _| match map.resolve(name) {
+                Some(topic::ARIA_POSE | topic::TCP_POSE) => alignment.shifted(stamp, start),
                 _ => stamp,
             });
         }

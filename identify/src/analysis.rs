@@ -57,6 +57,8 @@ pub struct Analysis {
     pub named: EffortModel,
     /// The full model: the named one, and the mechanism fitted on what is left.
     pub full: EffortModel,
+    /// Whether the full model leaves those named effects to its mechanism that a mechanism can be by itself.
+    pub left_to_mechanism: bool,
     /// Motion and dynamics fitted together, from the full model on; nothing where that foretells no better.
     pub jointly: Option<JointFit>,
     /// What was named and what was refused; nothing when nobody looked.
@@ -122,7 +124,7 @@ pub fn analyse_confirmed(
     let base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
-    let (full, jointly) = with_mechanism(motion, &diagnosis)?;
+    let (full, jointly, left_to_mechanism) = with_mechanism(motion, &diagnosis)?;
     let slope = slope_of(motion, &diagnosis.found(), full.theta.as_slice());
     let mut floor = noise::floor(samples, motion, &full, &slope)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
@@ -157,6 +159,7 @@ pub fn analyse_confirmed(
         base,
         named,
         full,
+        left_to_mechanism,
         jointly,
         floor,
         evidence,
@@ -252,11 +255,12 @@ fn aligned(
 
 /// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the
 /// mechanism stands in `theta` only. Where the named effects leave more than the floor, their shapes may be wrong: then those
-/// that a mechanism can be by itself are left to it, if that foretells held-out strokes better.
+/// that a mechanism can be by itself are left to it, if that foretells held-out strokes better; then the last value is true.
 fn with_mechanism(
     motion: &Motion,
     diagnosis: &Diagnosis,
-) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
+) -> Result<(EffortModel, Option<JointFit>, bool), DynamicsError> {
+    let mut left = false;
     let found = diagnosis.found();
     let all = vec![true; found.len()];
     let (mut model, mut jointly) = beside_mechanism(motion, &found, &all)?;
@@ -265,8 +269,9 @@ fn with_mechanism(
     if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
         let other: Vec<bool> = found.iter().map(|found| !by_state(found)).collect();
         let without = beside_mechanism(motion, &found, &other)?;
-        if without.0.held_out_rms < model.held_out_rms {
+        if without.0.held_out_rms < LEFT_BELOW * model.held_out_rms {
             (model, jointly) = without;
+            left = true;
         }
     }
     model.terms.truncate(3);
@@ -281,8 +286,11 @@ fn with_mechanism(
             (term.value, term.std) = (None, None);
         }
     }
-    Ok((model, jointly))
+    Ok((model, jointly, left))
 }
+
+/// Named effects are left to the mechanism when it does so much better on held-out strokes.
+const LEFT_BELOW: f64 = 0.97;
 
 /// I, mu, b, those of `found` that are `used`, and the mechanism; the parameters of the others are zero.
 fn beside_mechanism(

@@ -162,6 +162,7 @@ fn fit_full(
     let folds = design.fold_normals();
     let (mut smoothing, mut held_out_rms) = design.choose_smoothing(&folds);
     let undamped = design.undamped();
+    let share = design.damping_share(&smoothing);
     let (loaded, without) = undamped.choose_load(&folds, smoothing);
     if without <= held_out_rms {
         (design, smoothing, held_out_rms) = (undamped, loaded, without);
@@ -169,7 +170,7 @@ fn fit_full(
     let mut exact = None;
     let effort = rms(parametric.tau.as_slice());
     let least = DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
-    if design.damping_share(&smoothing) > least {
+    if share > least {
         let (surfaces, _) = design.solve(&smoothing);
         mechanism.set(&surfaces.as_slice()[design.params..]);
         let valved = Valved::fit(&parametric, motion, &mechanism);
@@ -227,7 +228,7 @@ const VALVED_BELOW: f64 = 0.97;
 /// Valves are tried when the damping is at least this share of the effort,
 const DAMPED_ABOVE: f64 = 0.05;
 /// and this share of what is left: edges and valves of less are not seen.
-const SEEN_ABOVE: f64 = 0.5;
+const SEEN_ABOVE: f64 = 0.2;
 
 /// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
 /// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.

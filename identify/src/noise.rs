@@ -99,7 +99,13 @@ fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
         .values()
         .map(|(sum, count)| sum / *count as f64)
         .collect();
-    let most = UNUSUAL * quantile(&each, 0.5);
+    let usual = quantile(&each, 0.5);
+    // Poses that stand still for half of the time say nothing of what is usual.
+    let most = if usual > 0.0 {
+        UNUSUAL * usual
+    } else {
+        f64::INFINITY
+    };
     let usual = stretches
         .values()
         .filter(|(sum, count)| sum / *count as f64 <= most);

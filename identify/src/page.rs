@@ -162,7 +162,13 @@ fn sentences(report: &Report) -> Vec<String> {
         } else {
             out.push(format!(
                 "{} asks for {least:.1} to {most:.1} {unit} depending on where it stands (positive holds it back from opening).",
-                if report.effects.is_empty() { "Besides, a mechanism or weight" } else { "What has no name" }
+                if report.effects.is_empty() {
+                    "Besides, a mechanism or weight"
+                } else if mechanism.holds_named {
+                    "All that depends on where it stands, named or not,"
+                } else {
+                    "What has no name"
+                }
             ));
         }
     }

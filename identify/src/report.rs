@@ -190,6 +190,19 @@ pub struct MechanismSummary {
     pub domain: Domain,
     /// Smallest and largest load over the domain, N m or N.
     pub load_range: [f64; 2],
+    /// Whether it holds the named effects too that depend on coordinate and velocity alone: in the shapes found they leave more.
+    pub holds_named: bool,
+}
+
+impl MechanismSummary {
+    /// What it holds, for sentences about it where effects are named.
+    pub(crate) fn beside(&self) -> &'static str {
+        if self.holds_named {
+            ", the named ones among those of coordinate and velocity included: in the shapes found they leave more"
+        } else {
+            ", besides the named effects"
+        }
+    }
 }
 
 impl Joint {
@@ -320,7 +333,7 @@ impl Report {
         };
         (self.effects, self.refused) = effects::entries(analysis);
         self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
-        self.mechanism = summary_of(full);
+        self.mechanism = summary_of(full, analysis.left_to_mechanism);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;
         self.joint_fit.clone_from(&analysis.jointly);
@@ -371,7 +384,7 @@ fn unknown_terms(kind: JointKind) -> Vec<Term> {
     .to_vec()
 }
 
-fn summary_of(model: &EffortModel) -> Option<MechanismSummary> {
+fn summary_of(model: &EffortModel, holds_named: bool) -> Option<MechanismSummary> {
     let mechanism = model.mechanism.as_ref()?;
     let [low, high] = mechanism.domain.q;
     let loads: Vec<f64> = (0..=100)
@@ -383,5 +396,6 @@ fn summary_of(model: &EffortModel) -> Option<MechanismSummary> {
         held_out_rms: model.held_out_rms,
         domain: mechanism.domain.clone(),
         load_range: [least, most],
+        holds_named,
     })
 }

@@ -90,6 +90,8 @@ pub struct ToolSamples {
 
 const MIN_SAMPLES: usize = 50;
 const MIN_PIECE_S: f64 = 3.0;
+/// The time of overlap may be so many times what the samples last.
+const MOST_HOLES: f64 = 100.0;
 
 impl ToolSamples {
     /// Brings a recording's streams onto one grid.
@@ -153,6 +155,17 @@ impl ToolSamples {
             tcp_from_ft_sensor: isometry(&recording.tcp_from_ft_sensor),
             gaps: 0,
         };
+        // A stamp that is years off would ask for years of grid.
+        let there = wrench.len() as f64 * wrench.period();
+        if to - from > MOST_HOLES * there {
+            return Err(AlignError::Gaps {
+                covered_s: there,
+                total_s: to - from,
+                gaps: 1,
+                longest_s: there,
+                needed_s: (to - from) / MOST_HOLES,
+            });
+        }
         samples.fill(&wrench, &pose, &tracked_from_tcp, from, to);
         samples.check(to - from)?;
         Ok(samples)

@@ -526,3 +526,16 @@ fn the_report_keeps_its_schema_and_the_page_needs_no_network() {
     write_to(&target, &found).unwrap();
     assert!(!target.join("report.partial").exists());
 }
+
+#[test]
+fn a_stamp_that_is_years_off_is_refused_at_once() {
+    let mut recording = Scene::door().record();
+    let years = -1.5e9;
+    recording.wrench[0].at = recording.wrench[0].at.offset_by_seconds(years);
+    recording.pose.samples[0].at = recording.pose.samples[0].at.offset_by_seconds(years);
+    let error = identify(&recording).map(|_| ()).unwrap_err();
+    assert!(
+        matches!(error, IdentifyError::Align(AlignError::Gaps { .. })),
+        "{error}"
+    );
+}

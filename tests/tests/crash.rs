@@ -167,15 +167,21 @@ fn a_clock_that_is_set_moves_no_sample() {
         "cc cannot build tests/peers/clock_step.c"
     );
     let log = folder.path().join("clock.log");
-    let mut command = capture(folder.path(), 51);
-    command
-        .env("LD_PRELOAD", &library)
-        .env("CLOCK_STEP_LOG", &log)
-        .args(["--duration", "5s"]);
-    let began_at = unix_ns();
-    let finished = ended(started(command));
-    let ended_at = unix_ns();
-    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    // A busy machine may lose samples by itself, which the exit code 3 says: then once more.
+    let run = || {
+        let mut command = capture(folder.path(), 51);
+        command
+            .env("LD_PRELOAD", &library)
+            .env("CLOCK_STEP_LOG", &log)
+            .args(["--duration", "5s", "--force"]);
+        let began_at = unix_ns();
+        (began_at, ended(started(command)), unix_ns())
+    };
+    let (began_at, finished, ended_at) = (0..3)
+        .map(|_| run())
+        .find(|(_, finished, _)| finished.code != Some(3))
+        .expect("samples are lost three times in a row: something else keeps this machine busy");
+    assert_eq!(finished.code, Some(0), "{finished:?}");
     let asked = std::fs::read_to_string(&log).unwrap();
     println!(
         "the capture asked for the wall clock {} times (in all, after the first step)",
@@ -202,10 +208,8 @@ fn a_clock_that_is_set_moves_no_sample() {
     assert!((4.0..5.1).contains(&duration_s), "{report}");
     for topic in STREAMS {
         let entry = &report["topics"][topic];
-        // Raw frames are stamped by their arrival: a busy machine makes pauses there. It may also cost samples, which the exit code
-        // says; a sample that the clock moved would be out of order, or after its arrival, or leave a hole while nothing was lost.
-        let whole = finished.code == Some(0) && !topic.starts_with("/raw/");
-        let holes = whole.then_some("holes");
+        // Raw frames are stamped by their arrival: a busy machine makes pauses there.
+        let holes = (!topic.starts_with("/raw/")).then_some("holes");
         for what in ["out_of_order", "duplicates", "after_arrival"]
             .into_iter()
             .chain(holes)

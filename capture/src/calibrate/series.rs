@@ -13,7 +13,7 @@ use core::ops::Range;
 
 use ft_identify::filter::{FilterError, LowPass};
 use ft_identify::tool::{AlignError, ToolKinematics, ToolSamples};
-use ft_recording::{PoseTrack, Recording, Stamped};
+use ft_recording::{Pose7, PoseTrack, Recording, Stamped};
 use ft_wire::HostTime;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -140,18 +140,23 @@ impl PoseSide {
     }
 }
 
+/// Poses farther apart stand in different stretches, s; no tracker is so slow.
+const STRETCH_HOLE_S: f64 = 5.0;
+
 /// The same poses, densely, under a wrench of nothing every [`GRID_NS`], which makes the grid.
 fn with_steady_wrench(recording: &Recording) -> Recording {
     let samples = &recording.pose.samples;
     let mut wrench = Vec::new();
-    if let (Some(first), Some(last)) = (samples.first(), samples.last()) {
-        let count = last.at.as_nanos().saturating_sub(first.at.as_nanos()) / GRID_NS;
-        wrench = (0..=count)
-            .map(|k| Stamped {
+    // No row where no pose is near: one wild stamp must not ask for years of them.
+    let near = |a: &Stamped<Pose7>, b: &Stamped<Pose7>| b.at.seconds_since(a.at) <= STRETCH_HOLE_S;
+    for stretch in samples.chunk_by(near) {
+        if let [first, .., last] = stretch {
+            let count = last.at.as_nanos().saturating_sub(first.at.as_nanos()) / GRID_NS;
+            wrench.extend((0..=count).map(|k| Stamped {
                 at: HostTime::from_nanos(first.at.as_nanos() + k * GRID_NS),
                 value: [0.0; 6],
-            })
-            .collect();
+            }));
+        }
     }
     Recording {
         wrench,

@@ -111,7 +111,7 @@ pub fn import_aria(
         &recording.wrench[recording.wrench.len() - 1].at,
     ];
     let (start, end) = (*wrench[0], *wrench[1]);
-    let utc = folder.utc_map(&trajectory)?;
+    let (utc, open_not_read) = folder.utc_map(&trajectory);
     let to_host = HostMap::of(&trajectory, utc, start, options.starts_at_s)?;
     let begins_s = to_host.at(&trajectory, 0).seconds_since(start);
     let duration_s = trajectory.duration_s();
@@ -162,7 +162,11 @@ pub fn import_aria(
     for sample in &mut recording.pose.samples {
         sample.at = alignment.map_or(sample.at, |alignment| alignment.shifted(sample.at, start));
     }
-    let (imu_offsets_ms, not_read) = folder.imu_offsets();
+    let (imu_offsets_ms, calibration_not_read) = folder.imu_offsets();
+    let not_read: Vec<String> = open_not_read
+        .into_iter()
+        .chain(calibration_not_read)
+        .collect();
     let report = AriaReport {
         path: out.to_owned(),
         sources: folder.hashes(source)?,
@@ -174,7 +178,7 @@ pub fn import_aria(
         alignment,
         has_tcp: frames.is_some(),
         imu_offsets_ms,
-        not_read,
+        not_read: (!not_read.is_empty()).then(|| not_read.join("; ")),
     };
     write(
         source,
@@ -342,7 +346,7 @@ impl fmt::Display for AriaReport {
             )?;
         }
         if let Some(text) = &self.not_read {
-            writeln!(f, "online calibration not read: {text}")?;
+            writeln!(f, "not read: {text}")?;
         }
         if counts.turned_deg > 0.01 {
             writeln!(

@@ -138,10 +138,11 @@ impl Bag {
             .collect()
     }
 
-    /// Messages of `topic` by their header's stamp, decoded by `decode`; those that cannot be are left out.
+    /// Messages of `topic` and type `kind` by their header's stamp, decoded by `decode`; those that cannot be are left out.
     fn stamped<T>(
         &self,
         topic: &str,
+        kind: &str,
         decode: impl Fn(&mut Fields<'_>) -> Option<T>,
     ) -> Vec<Stamped<T>> {
         let mut found: Vec<_> = self
@@ -150,7 +151,7 @@ impl Bag {
             .filter(|(id, _)| {
                 self.connections
                     .get(id)
-                    .is_some_and(|one| one.topic == topic)
+                    .is_some_and(|one| one.topic == topic && one.kind == kind)
             })
             .filter_map(|(_, range)| {
                 let mut fields = Fields(self.bytes.get(range.clone())?);
@@ -168,7 +169,9 @@ impl Bag {
     /// `geometry_msgs/WrenchStamped`: force then torque, by stamp. Values that are not finite are left out.
     #[must_use]
     pub fn wrenches(&self, topic: &str) -> Vec<Stamped<[f64; 6]>> {
-        let mut found = self.stamped(topic, |fields| fields.numbers::<6>());
+        let mut found = self.stamped(topic, "geometry_msgs/WrenchStamped", |fields| {
+            fields.numbers::<6>()
+        });
         found.retain(|sample| sample.value.iter().all(|number| number.is_finite()));
         found
     }
@@ -176,7 +179,9 @@ impl Bag {
     /// `sensor_msgs/Temperature`: degrees Celsius, by stamp.
     #[must_use]
     pub fn temperatures(&self, topic: &str) -> Vec<Stamped<f64>> {
-        self.stamped(topic, |fields| fields.numbers::<1>().map(|[value]| value))
+        self.stamped(topic, "sensor_msgs/Temperature", |fields| {
+            fields.numbers::<1>().map(|[value]| value)
+        })
     }
 }
 

@@ -158,7 +158,10 @@ impl Table {
         match self.number::<i64>(row, column) {
             Ok(number) => Ok(number),
             Err(error) => {
-                let number = self.number::<f64>(row, column).map_err(|_| error)?;
+                let number = self.number::<f64>(row, column).ok();
+                let Some(number) = number.filter(|number| number.is_finite()) else {
+                    return Err(error);
+                };
                 #[allow(
                     clippy::cast_possible_truncation,
                     reason = "a float to integer `as` saturates"

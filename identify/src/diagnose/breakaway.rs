@@ -77,8 +77,9 @@ impl Breakaway {
                 levels.push(level);
             }
         }
-        let excess = quantile(&excesses, 0.5);
-        let apart: Vec<f64> = excesses.iter().map(|e| (e - excess).abs()).collect();
+        let excess = quantile(&excesses, 0.5) - sliding.noise(friction, from..to);
+        let middle = quantile(&excesses, 0.5);
+        let apart: Vec<f64> = excesses.iter().map(|e| (e - middle).abs()).collect();
         // Of a median, from the median deviation, for normal scatter.
         let std = 1.2533 * 1.4826 * quantile(&apart, 0.5) / (excesses.len() as f64).sqrt();
         Ok((!excesses.is_empty()).then_some(Self {
@@ -152,11 +153,37 @@ impl<'a> Sliding<'a> {
         sum
     }
 
+    /// Scatter of `friction` about the model's while the joint just slides within `inside`, from its median deviation. The largest of
+    /// the two or three independent values before a break-away stands about that much above their mean.
+    fn noise(&self, friction: impl Fn(usize) -> f64, inside: core::ops::Range<f64>) -> f64 {
+        let slow = self.motion.slow_speed;
+        let scatter: Vec<f64> = (0..self.motion.q.len())
+            .filter(|&i| {
+                (slow..SLOWLY * slow).contains(&self.motion.dq[i].abs())
+                    && inside.contains(&self.motion.q[i])
+            })
+            .map(|i| {
+                let direction = self.motion.dq[i].signum();
+                friction(i) - (self.at(i, direction) - self.load(i))
+            })
+            .collect();
+        let middle = quantile(&scatter, 0.5);
+        let apart: Vec<f64> = scatter.iter().map(|value| (value - middle).abs()).collect();
+        if apart.is_empty() {
+            0.0
+        } else {
+            1.4826 * quantile(&apart, 0.5)
+        }
+    }
+
     /// What it takes at sample `i` without friction: midway between sliding one way and the other.
     fn load(&self, i: usize) -> f64 {
         0.5 * (self.at(i, 1.0) + self.at(i, -1.0))
     }
 }
+
+/// The joint just slides up to so many times the speed below which it rests.
+const SLOWLY: f64 = 6.0;
 
 /// Speed at which sliding begins, as a share of that below which the joint rests.
 const SLOWEST: f64 = 1e-3;

@@ -78,12 +78,16 @@ fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
         struck[i] = true;
     }
     let mut out = widened(motion, &touching, windows[0]);
-    for (out, near) in out.iter_mut().zip(widened(motion, &struck, windows[1])) {
+    let struck = widened(motion, &struck, windows[1]);
+    for (out, near) in out.iter_mut().zip(&struck) {
         *out |= near;
     }
-    let states = motion.q.iter().zip(&motion.tau);
+    let states = motion.q.iter().zip(&motion.tau).zip(&struck);
+    let carries = |q: f64, tau: f64, struck: bool| {
+        stops.iter().map(|stop| stop.carries(q, tau, struck)).sum()
+    };
     let carried: Vec<f64> = states
-        .map(|(q, tau)| stops.iter().map(|stop| stop.carries(*q, *tau)).sum())
+        .map(|((q, tau), struck)| carries(*q, *tau, *struck))
         .collect();
     let [least, _, most] = stop::between(motion, range, &motion.tau);
     let rings = motion.kernel.reach_of(&motion.runs, &carried);
@@ -169,7 +173,9 @@ fn lasting(motion: &Motion, flags: &[bool], least_s: f64) -> Vec<bool> {
         for i in run.clone() {
             if !flags[i] {
                 start = i + 1;
-            } else if i + 1 - start >= least {
+            } else if i + 1 - start > least {
+                out[i] = true;
+            } else if i + 1 - start == least {
                 out[start..=i].fill(true);
             }
         }

@@ -158,7 +158,11 @@ fn a_blow_against_the_stop_is_left_out_with_the_filters_ringing_and_a_gentle_tur
         kind: JointKind::Prismatic,
         period: 1e-3,
         runs: vec![0..q.len()],
-        tau: vec![0.0; q.len()],
+        tau: q
+            .windows(2)
+            .map(|w| 2.0 * (w[1] - w[0]).signum())
+            .chain([0.0])
+            .collect(),
         noise_of_q: Vec::new(),
         aside: crate::samples::Aside::default(),
         q,

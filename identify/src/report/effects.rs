@@ -215,7 +215,7 @@ impl TwinEffect {
         };
         let mut theta = analysis.full.theta.iter().skip(3);
         let mut out = Vec::new();
-        for found in diagnosis.found() {
+        for found in diagnosis.effects.iter().map(|effect| effect.found.clone()) {
             let terms: Vec<TwinNumber> = found
                 .terms()
                 .zip(&mut theta)
@@ -223,7 +223,9 @@ impl TwinEffect {
                 .collect();
             let shape = found.kind.shape.iter().zip(&found.shape);
             let of_object = found.kind.belongs == Belongs::Object || found.kind.at.is_some();
-            if of_object && terms.iter().any(|term| term.value != 0.0) {
+            // Stiction has no regressor and no term, and is the object's all the same.
+            let there = found.kind.terms.is_empty() || terms.iter().any(|term| term.value != 0.0);
+            if of_object && there {
                 out.push(Self {
                     name: found.kind.name.to_owned(),
                     terms,

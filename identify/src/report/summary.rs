@@ -47,7 +47,7 @@ impl Report {
             let besides = if self.effects.is_empty() {
                 ""
             } else {
-                ", besides the named effects"
+                mechanism.beside()
             };
             let _ = writeln!(
                 out,

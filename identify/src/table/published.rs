@@ -127,6 +127,7 @@ pub fn identify_published(
         base,
         named: full.clone(),
         full,
+        left_to_mechanism: false,
         jointly: None,
         diagnosis: None,
         evidence: Vec::new(),

@@ -21,6 +21,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 type Failure = Box<dyn std::error::Error>;
 
+#[allow(clippy::disallowed_methods, reason = "a stopwatch")]
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let seconds: f64 = arguments.first().map_or(Ok(71.0), |text| text.parse())?;

@@ -70,7 +70,8 @@ impl TopicMap {
     }
 
     /// The contract's name of a recording's topic; `None` when another topic takes its place.
-    pub(crate) fn resolve<'a>(&'a self, topic: &'a str) -> Option<&'a str> {
+    #[must_use]
+    pub fn resolve<'a>(&'a self, topic: &'a str) -> Option<&'a str> {
         let mapped = self
             .pairs
             .iter()

@@ -94,12 +94,7 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         &arguments.output,
         &options,
     )?;
-    if arguments.json {
-        say(&serde_json::to_string_pretty(&report)?)?;
-    } else {
-        say(&report.to_string())?;
-    }
-    Ok(Outcome::Fine)
+    told(&report, arguments.json)
 }
 
 const HOI_EXAMPLES: &str = "Examples:
@@ -292,12 +287,7 @@ pub(crate) fn csv(arguments: &CsvArguments) -> CommandResult {
         &arguments.output,
         &options,
     )?;
-    if arguments.json {
-        say(&serde_json::to_string_pretty(&report)?)?;
-    } else {
-        say(&report.to_string())?;
-    }
-    Ok(Outcome::Fine)
+    told(&report, arguments.json)
 }
 
 const BAG_EXAMPLES: &str = "Examples (the raw form of the Hoi! dataset, whose two clocks are not aligned):
@@ -346,4 +336,14 @@ pub(crate) fn bag(arguments: &BagArguments) -> CommandResult {
         say(&report.to_string())?;
     }
     Ok(Outcome::of(report.cut_short))
+}
+
+/// Says what was done, for people or as JSON.
+fn told<R: serde::Serialize + core::fmt::Display>(report: &R, json: bool) -> CommandResult {
+    if json {
+        say(&serde_json::to_string_pretty(report)?)?;
+    } else {
+        say(&report.to_string())?;
+    }
+    Ok(Outcome::Fine)
 }

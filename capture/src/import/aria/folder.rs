@@ -74,14 +74,18 @@ impl MpsFolder {
             })
     }
 
-    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own.
-    pub(super) fn utc_map(&self, trajectory: &Trajectory) -> Result<Option<ClockMap>, ImportError> {
-        if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind)
-            && let Some(map) = Trajectory::open(open, 0.0)?.utc_map()
-        {
-            return Ok(Some(map));
+    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own, and what was wrong with the
+    /// open-loop file.
+    pub(super) fn utc_map(&self, trajectory: &Trajectory) -> (Option<ClockMap>, Option<String>) {
+        let mut wrong = None;
+        if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind) {
+            match Trajectory::open(open, 0.0).map(|open| open.utc_map()) {
+                Ok(Some(map)) => return (Some(map), None),
+                Ok(None) => {}
+                Err(error) => wrong = Some(error.to_string()),
+            }
         }
-        Ok(trajectory.utc_map())
+        (trajectory.utc_map(), wrong)
     }
 
     pub(super) fn hashes(&self, source: &Path) -> Result<Vec<SourceFile>, ImportError> {

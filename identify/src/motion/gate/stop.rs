@@ -10,8 +10,8 @@ pub(super) struct Stop {
     begins: f64,
     /// Effort per depth, and depth at which it begins, where it gives way that much.
     soft: Option<[f64; 2]>,
-    /// Effort outwards that the joint usually needs between the ends; infinite where no stop shows.
-    needed: f64,
+    /// Effort outwards that the joint usually and at most needs between the ends; infinite where no stop shows.
+    needed: [f64; 2],
 }
 
 /// Share of the range within which an end counts as touched.
@@ -51,9 +51,9 @@ impl Stop {
             begins: begins.min(outwards * end) - MARGIN * (range[1] - range[0]),
             soft,
             needed: if begins.is_finite() {
-                usual
+                [usual, most]
             } else {
-                f64::INFINITY
+                [f64::INFINITY; 2]
             },
         }
     }
@@ -63,15 +63,16 @@ impl Stop {
         self.outwards * q > self.begins
     }
 
-    /// About the effort it carries, where `tau` is applied at a coordinate; none where no stop shows.
-    pub(super) fn carries(&self, q: f64, tau: f64) -> f64 {
+    /// About the effort it carries, where `tau` is applied at a coordinate, about a blow or not; none where no stop shows.
+    pub(super) fn carries(&self, q: f64, tau: f64, struck: bool) -> f64 {
         if !self.touches(q) {
             return 0.0;
         }
         let by_depth = self.soft.map_or(0.0, |[stiffness, begins]| {
             stiffness * (self.outwards * q - begins)
         });
-        by_depth.max(self.outwards * tau - self.needed).max(0.0)
+        let needed = self.needed[usize::from(!struck)];
+        by_depth.max(self.outwards * tau - needed).max(0.0)
     }
 }
 
@@ -113,8 +114,7 @@ fn soft(motion: &Motion, outwards: f64, [from, pushes, usual]: [f64; 3]) -> Opti
         return None;
     }
     let stiffness = moment(1, 1) / both;
-    Some([
-        stiffness,
-        means[0] - (means[1] - usual.min(0.0)) / stiffness,
-    ])
+    let begins = means[0] - (means[1] - usual.min(0.0)) / stiffness;
+    // What would begin farther in is a preload and no spring.
+    (begins > from).then_some([stiffness, begins])
 }
