@@ -82,21 +82,40 @@ fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
     for (out, near) in out.iter_mut().zip(&struck) {
         *out |= near;
     }
-    let states = motion.q.iter().zip(&motion.tau).zip(&struck);
-    let carries = |q: f64, tau: f64, struck: bool| {
-        stops.iter().map(|stop| stop.carries(q, tau, struck)).sum()
-    };
-    let carried: Vec<f64> = states
-        .map(|((q, tau), struck)| carries(*q, *tau, *struck))
-        .collect();
     let [least, _, most] = stop::between(motion, range, &motion.tau);
-    let rings = motion.kernel.reach_of(&motion.runs, &carried);
-    for (out, ring) in out.iter_mut().zip(rings) {
-        *out |= ring > RINGS * (most - least);
+    let ringing = |at_blows_only: bool| -> Vec<bool> {
+        let states = motion.q.iter().zip(&motion.tau).zip(&struck);
+        let carried: Vec<f64> = states
+            .map(|((&q, &tau), &struck)| {
+                let whole = struck || !at_blows_only;
+                stops.iter().map(|stop| stop.carries(q, tau, whole)).sum()
+            })
+            .collect();
+        let rings = motion.kernel.reach_of(&motion.runs, &carried);
+        rings
+            .iter()
+            .map(|ring| *ring > RINGS * (most - least))
+            .collect()
+    };
+    let mut rings = ringing(false);
+    let left = out.iter().filter(|out| !**out).count();
+    let more = out
+        .iter()
+        .zip(&rings)
+        .filter(|(out, rings)| !**out && **rings)
+        .count();
+    if more as f64 > MOST_RINGING * left as f64 {
+        rings = ringing(true);
+    }
+    for (out, rings) in out.iter_mut().zip(rings) {
+        *out |= rings;
     }
     out
 }
 
+/// Whoever turns just short of a stop at every stroke would have no samples left: beyond this share of them, what is carried there
+/// counts only about blows.
+const MOST_RINGING: f64 = 0.3;
 /// Share of the effort between the ends that a stop's may leave through the filter.
 const RINGS: f64 = 2e-3;
 

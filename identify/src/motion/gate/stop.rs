@@ -63,15 +63,16 @@ impl Stop {
         self.outwards * q > self.begins
     }
 
-    /// About the effort it carries, where `tau` is applied at a coordinate, about a blow or not; none where no stop shows.
-    pub(super) fn carries(&self, q: f64, tau: f64, struck: bool) -> f64 {
+    /// About the effort it carries, where `tau` is applied at a coordinate: all beyond what is usual, or beyond what the joint needs
+    /// at most; none where no stop shows.
+    pub(super) fn carries(&self, q: f64, tau: f64, whole: bool) -> f64 {
         if !self.touches(q) {
             return 0.0;
         }
         let by_depth = self.soft.map_or(0.0, |[stiffness, begins]| {
             stiffness * (self.outwards * q - begins)
         });
-        let needed = self.needed[usize::from(!struck)];
+        let needed = self.needed[usize::from(!whole)];
         by_depth.max(self.outwards * tau - needed).max(0.0)
     }
 }
