@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
-use ft_drivers::translate::{OneWayConfig, smooth};
+use ft_drivers::translate::{Counted, OneWayConfig, smooth};
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{metadata, topic};
 use ft_wire::HostTime;
@@ -48,20 +48,29 @@ pub struct Moved {
 /// `file` has no raw frames, no configuration or no device with a clock, or is damaged; `out` exists or cannot be written.
 pub fn retime(file: &Path, out: &Path, overwrite: bool) -> Result<Retimed, SessionError> {
     let source = Source::read(file)?;
-    let devices: Vec<(&'static str, Duration)> = source
+    let devices: Vec<(&'static str, OneWayConfig)> = source
         .config
         .devices
         .iter()
         .map(|device| {
-            let link_delay = Duration::from_secs_f64(device.latency_us * 1e-6);
-            (device.driver.topic(), link_delay)
+            let config = OneWayConfig {
+                link_delay: Duration::from_secs_f64(device.latency_us * 1e-6),
+                ..OneWayConfig::default()
+            };
+            let counted = device.driver.samples_evenly();
+            let config = if counted {
+                Counted::bounds(config)
+            } else {
+                config
+            };
+            (device.driver.topic(), config)
         })
         .collect();
     let seen = listen(file, source, devices.len())?;
     let mut moves: BTreeMap<&str, Moves> = BTreeMap::new();
-    for ((name, link_delay), seen) in devices.iter().zip(&seen) {
+    for ((name, config), seen) in devices.iter().zip(&seen) {
         if !seen.is_empty() {
-            moves.insert(name, Moves::of(seen, *link_delay));
+            moves.insert(name, Moves::of(seen, config));
         }
     }
     if moves.is_empty() {
@@ -147,16 +156,12 @@ struct Moves {
 }
 
 impl Moves {
-    fn of(seen: &[Seen], link_delay: Duration) -> Self {
+    fn of(seen: &[Seen], config: &OneWayConfig) -> Self {
         let observations: Vec<_> = seen
             .iter()
             .map(|one| (one.device_ns, one.arrival))
             .collect();
-        let config = OneWayConfig {
-            link_delay,
-            ..OneWayConfig::default()
-        };
-        let smoothed = smooth(&observations, &config);
+        let smoothed = smooth(&observations, config);
         let mut samples: Vec<_> = seen
             .iter()
             .zip(smoothed)

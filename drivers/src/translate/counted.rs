@@ -75,17 +75,22 @@ pub struct CountedInstant {
 }
 
 impl Counted {
-    /// A translator that knows nothing yet. Allocates all it will ever need.
+    /// `config` for the clock that counts make: a period that was learned in two seconds is less exact than a crystal.
     #[must_use]
-    pub fn new(config: OneWayConfig) -> Self {
-        let config = OneWayConfig {
+    pub fn bounds(config: OneWayConfig) -> OneWayConfig {
+        OneWayConfig {
             // Losses are noticed here, before the count looks like a clock that was set back.
             set_back_after: Duration::from_secs(3),
             max_skew_ppm: config.max_skew_ppm.max(MAX_SKEW_PPM),
             ..config
-        };
+        }
+    }
+
+    /// A translator that knows nothing yet. Allocates all it will ever need.
+    #[must_use]
+    pub fn new(config: OneWayConfig) -> Self {
         Self {
-            clock: OneWay::new(config),
+            clock: OneWay::new(Self::bounds(config)),
             learning: Hull::new(),
             samples: 0,
             period_ns: None,

@@ -52,6 +52,9 @@ pub enum HoiCalibration {
     },
 }
 
+/// Beyond this a gyroscope contradicts the stamps that were written, ms.
+const AGREES_MS: f64 = 5.0;
+
 impl fmt::Display for HoiReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -68,6 +71,18 @@ impl fmt::Display for HoiReport {
                 "\n  {} wrenches left out: not finite, or stamped as another",
                 self.left_out
             )?;
+        }
+        let counts = &self.counts;
+        let poses = [
+            (
+                counts.other_world,
+                "of other worlds (graph_uid or session_uid)",
+            ),
+            (counts.not_later, "not later than the one before"),
+            (counts.no_pose, "without a rotation"),
+        ];
+        for (count, what) in poses.into_iter().filter(|(count, _)| *count > 0) {
+            write!(f, "\n  {count} poses left out: {what}")?;
         }
         match &self.calibration {
             HoiCalibration::FreeAir { from_s, until_s } => write!(
@@ -86,9 +101,14 @@ impl fmt::Display for HoiReport {
             write!(f, "\n  {alignment}")?;
         }
         if let Some(check) = &self.gyro_check {
+            let says = if check.offset_ms.abs() <= AGREES_MS {
+                "agrees to"
+            } else {
+                "DISAGREES: the poses' stamps are off by"
+            };
             write!(
                 f,
-                "\n  the sensor's gyroscope agrees to {:+.1} ms ({:.0} % of the turns)",
+                "\n  the sensor's gyroscope {says} {:+.1} ms ({:.0} % of the turns)",
                 check.offset_ms,
                 100.0 * check.explained
             )?;
