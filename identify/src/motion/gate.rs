@@ -18,7 +18,8 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let step = ((1.0 / (4.0 * cutoff_hz)) / motion.period).round().max(1.0) as usize;
     let border = (1.5 / cutoff_hz / motion.period).ceil() as usize;
     let window = (0.5 / cutoff_hz / motion.period).ceil() as usize;
-    motion.slow_speed = slow_speed(motion);
+    let (slow_speed, rest_shows) = slow_speed(motion);
+    motion.slow_speed = slow_speed;
     let slow: Vec<bool> = motion
         .dq
         .iter()
@@ -29,7 +30,7 @@ pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let blur = (BLUR_S / motion.period).ceil() as usize;
     motion.slides = widened(motion, &rests, blur)
         .iter()
-        .map(|rests| !rests)
+        .map(|rests| !(rest_shows && *rests))
         .collect();
     let speeds: Vec<f64> = motion.ddq.iter().map(|a| a.abs()).collect();
     let implausible = 3.0 * quantile(&speeds, 0.99);
@@ -163,8 +164,8 @@ fn inside(motion: &Motion, [low, high]: [f64; 2], series: &[f64]) -> impl Iterat
 }
 
 /// 2 % of the fast strokes' speed, but four times the velocity noise where that is known and larger, and never more
-/// than a third of the typical speed, so that slow strokes survive.
-fn slow_speed(motion: &Motion) -> f64 {
+/// than a third of the typical speed, so that slow strokes survive. And whether rest shows: not where the noise alone is as fast.
+fn slow_speed(motion: &Motion) -> (f64, bool) {
     let speeds: Vec<f64> = motion.dq.iter().map(|v| v.abs()).collect();
     let fast = quantile(&speeds, 0.95);
     let moving: Vec<f64> = speeds
@@ -178,9 +179,8 @@ fn slow_speed(motion: &Motion) -> f64 {
         .filter_map(|series| motion.filtered(&motion.derivative(series)).ok())
         .map(|series| crate::least_squares::rms(&series))
         .fold(0.0, f64::max);
-    (0.02 * fast)
-        .max(4.0 * noise)
-        .min(quantile(&moving, 0.5) / 3.0)
+    let most = quantile(&moving, 0.5) / 3.0;
+    ((0.02 * fast).max(4.0 * noise).min(most), 4.0 * noise < most)
 }
 
 /// The flags that hold for at least `least_s` on end.
