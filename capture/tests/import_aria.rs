@@ -36,6 +36,10 @@ fn measured() -> Option<PathBuf> {
 
 /// A still wrench of 30 s from `start` on.
 fn wrench_recording(path: &Path, start: HostTime) {
+    wrench_on("/ft/wrench", path, start);
+}
+
+fn wrench_on(topic: &str, path: &Path, start: HostTime) {
     let messages = (0..30_000_i64).map(|k| {
         let at = HostTime::from_nanos(start.as_nanos() + k * 1_000_000);
         let stamps = MessageStamps {
@@ -49,7 +53,7 @@ fn wrench_recording(path: &Path, start: HostTime) {
         (stamps, message)
     });
     let mut rewrite = Rewrite::new();
-    rewrite.add("/ft/wrench", Qos::SENSOR, messages);
+    rewrite.add(topic, Qos::SENSOR, messages);
     rewrite.write(None, path, true).unwrap();
 }
 
@@ -387,21 +391,7 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
     let scratch = tempfile::tempdir().unwrap();
     let path = |name: &str| scratch.path().join(name);
     let start = HostTime::from_nanos(1_700_000_000_000_000_000);
-    let messages = (0..3_000_i64).map(|k| {
-        let at = HostTime::from_nanos(start.as_nanos() + k * 1_000_000);
-        let stamps = MessageStamps {
-            log_time: at,
-            publish_time: at,
-        };
-        let message = WrenchStamped {
-            header: Header::new(at, "ft_sensor"),
-            wrench: [0.0; 6].into(),
-        };
-        (stamps, message)
-    });
-    let mut theirs = Rewrite::new();
-    theirs.add("/their/wrench", Qos::SENSOR, messages);
-    theirs.write(None, &path("theirs.mcap"), true).unwrap();
+    wrench_on("/their/wrench", &path("theirs.mcap"), start);
     std::fs::write(path("closed_loop_trajectory.csv"), made_up("")).unwrap();
     let map = TopicMap::from_arguments(["/their/wrench=/ft/wrench"]).unwrap();
     let options = AriaOptions {
@@ -415,13 +405,13 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
     import_aria(&path("theirs.mcap"), &trajectory, &path("b.mcap"), &options).unwrap();
     assert_eq!(
         Recording::load(&path("b.mcap"), &map).unwrap().wrench.len(),
-        3_000
+        30_000
     );
     // `check` reads it by the same map, and says what the map names in vain.
     let plain = check::check(&path("b.mcap")).unwrap();
     assert_eq!(plain.verdict, check::Verdict::Unusable, "{plain}");
     let mapped = check::check_mapped(&path("b.mcap"), &map).unwrap();
-    assert_eq!(mapped.topics["/ft/wrench"].messages, 3_000, "{mapped}");
+    assert_eq!(mapped.topics["/ft/wrench"].messages, 30_000, "{mapped}");
     let vain = TopicMap::from_arguments(["/no/such=/ft/wrench"]).unwrap();
     let text = check::check_mapped(&path("b.mcap"), &vain)
         .unwrap_err()

@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use ft_capture::session::Plan;
 use ft_capture::simulated;
+use ft_capture::summary::Summary;
 use ft_identify::dynamics::Term;
 use ft_identify::motion::{Motion, MotionSettings};
 use ft_identify::paper::PaperSettings;
@@ -55,15 +57,30 @@ impl Trial {
 }
 
 fn record_trial(trial: &Trial, seed: u64, file: &Path) -> Truth {
-    let played = &trial.scenario;
-    let scenario = &played.name;
-    let mut simulation = Simulation::new(played, seed, simulated::START, None)
-        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    let scenario = &trial.scenario.name;
+    let (truth, summary) =
+        try_record(trial, seed, None, file).unwrap_or_else(|error| panic!("{scenario}: {error}"));
+    assert!(!summary.lost_data(), "{scenario}: {summary}");
+    truth
+}
+
+/// Records a trial on the simulated clock, drivers and all, for `duration` or as long as a session takes.
+///
+/// # Errors
+/// What cannot be played or written.
+pub fn try_record(
+    trial: &Trial,
+    seed: u64,
+    duration: Option<Duration>,
+    file: &Path,
+) -> Result<(Truth, Summary), String> {
+    let mut simulation = Simulation::new(&trial.scenario, seed, simulated::START, duration)
+        .map_err(|error| format!("not simulated: {error}"))?;
     let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
     let mut known = simulation.known_setup();
     known.payload.mass_kg += trial.calibration_off_kg;
     let config = simulated::config("study", simulation.fitted(), &known, port)
-        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
+        .map_err(|error| format!("not simulated: {error}"))?;
     let plan = Plan {
         config,
         record: Some(file.to_owned()),
@@ -72,9 +89,8 @@ fn record_trial(trial: &Trial, seed: u64, file: &Path) -> Truth {
         publish: false,
     };
     let summary = simulated::run(&plan, &mut simulation, |_| {}, || false)
-        .unwrap_or_else(|error| panic!("{scenario}: {error}"));
-    assert!(!summary.lost_data(), "{scenario}: {summary}");
-    simulation.truth()
+        .map_err(|error| format!("not recorded: {error}"))?;
+    Ok((simulation.truth(), summary))
 }
 
 /// Records a scenario and identifies it with the default settings.

@@ -19,14 +19,13 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use ft_capture::session::Plan;
-use ft_capture::simulated;
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::{Identified, identify_confirmed, joint_samples};
 use ft_recording::{Recording, TopicMap};
+use ft_sim_hw::Scenario;
 use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions};
-use ft_sim_hw::{Scenario, Simulation};
 use ft_tests::sealed::{Judged, simulated_floor, tables};
+use ft_tests::truth::{Trial, try_record};
 
 struct Options {
     draws: u64,
@@ -159,7 +158,7 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
         if file.exists() {
             return Ok(file);
         }
-        record(scenario, seed, &file).map(|()| file)
+        try_record(&Trial::plain(scenario.clone()), seed, None, &file).map(|_| file)
     };
     let main = recorded("main.mcap", &draw.main, seed)?;
     let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1)?;
@@ -205,23 +204,4 @@ fn identified(main: &Path, confirm: Option<PathBuf>) -> Result<Identified, Strin
 fn write(file: &Path, value: &impl serde::Serialize) -> Result<(), String> {
     let text = serde_json::to_string_pretty(value).map_err(|error| error.to_string())?;
     std::fs::write(file, text).map_err(|error| format!("cannot write {}: {error}", file.display()))
-}
-
-fn record(scenario: &Scenario, seed: u64, file: &Path) -> Result<(), String> {
-    let mut simulation = Simulation::new(scenario, seed, simulated::START, None)
-        .map_err(|error| format!("not simulated: {error}"))?;
-    let port = |_: &ft_sim_hw::Fitted| "in-process".to_owned();
-    let (fitted, known) = (simulation.fitted(), simulation.known_setup());
-    let config = simulated::config("sealed", fitted, &known, port)
-        .map_err(|error| format!("not simulated: {error}"))?;
-    let plan = Plan {
-        config,
-        record: Some(file.to_owned()),
-        overwrite: true,
-        duration: None,
-        publish: false,
-    };
-    simulated::run(&plan, &mut simulation, |_| {}, || false)
-        .map_err(|error| format!("not recorded: {error}"))?;
-    Ok(())
 }

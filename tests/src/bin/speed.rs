@@ -7,8 +7,6 @@ use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use ft_capture::session::Plan;
-use ft_capture::simulated;
 use ft_identify::dynamics::{fit_base, fit_with_mechanism};
 use ft_identify::effect::RigidBody;
 use ft_identify::motion::{Motion, MotionSettings};
@@ -16,7 +14,8 @@ use ft_identify::paper::network::Training;
 use ft_identify::paper::{PaperSettings, identify};
 use ft_identify::pipeline::{identify_recording, joint_samples};
 use ft_recording::{Pose7, Recording, TopicMap, TrackedFrame};
-use ft_sim_hw::{Fitted, Scenario, Simulation};
+use ft_sim_hw::Scenario;
+use ft_tests::truth::{Trial, try_record};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 type Failure = Box<dyn std::error::Error>;
@@ -28,7 +27,8 @@ fn main() -> Result<(), Failure> {
     let scenario = arguments.get(1).map_or("wood_door", String::as_str);
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("recording.mcap");
-    record(scenario, seconds, &file)?;
+    let trial = Trial::plain(Scenario::load(scenario)?);
+    try_record(&trial, 1, Some(Duration::from_secs_f64(seconds)), &file)?;
     let (settings, map) = (MotionSettings::default(), TopicMap::default());
 
     let (started, mut lap) = (Instant::now(), Vec::new());
@@ -104,28 +104,6 @@ fn join(steps: &serde_json::Map<String, serde_json::Value>) -> String {
         format!("{name} {:.2}", value.as_f64().unwrap_or(f64::NAN))
     };
     steps.iter().map(text).collect::<Vec<_>>().join(", ")
-}
-
-fn record(scenario: &str, seconds: f64, file: &Path) -> Result<(), Failure> {
-    let loaded = Scenario::load(scenario)?;
-    let duration = Duration::from_secs_f64(seconds);
-    let mut simulation = Simulation::new(&loaded, 1, simulated::START, Some(duration))?;
-    let port = |_: &Fitted| "in-process".to_owned();
-    let config = simulated::config(
-        "speed",
-        simulation.fitted(),
-        &simulation.known_setup(),
-        port,
-    )?;
-    let plan = Plan {
-        config,
-        record: Some(file.to_owned()),
-        overwrite: true,
-        duration: None,
-        publish: false,
-    };
-    simulated::run(&plan, &mut simulation, |_| {}, || false)?;
-    Ok(())
 }
 
 fn isometry(pose: &Pose7) -> Isometry3<f64> {
