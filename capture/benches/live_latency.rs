@@ -216,7 +216,13 @@ fn ours(rate_hz: u64) -> Result<(), Failure> {
         ..Network::default()
     };
     let opened = network::open(&settings)?;
-    let sink = ZenohSink::declare(&opened.session, "bench", &settings, &TFMessage::default())?;
+    let sink = ZenohSink::declare(
+        &opened.session,
+        "bench",
+        &settings,
+        &TFMessage::default(),
+        clock,
+    )?;
     let (to, ends) = queues(true);
     let items = ends.publisher.ok_or("no queue")?;
     let publisher = std::thread::spawn(move || publish(sink, &items, clock));

@@ -26,6 +26,7 @@ pub mod merge;
 pub mod network;
 pub mod open;
 pub mod queues;
+mod recovery;
 pub mod remote;
 pub mod rmw;
 pub mod session;

@@ -17,8 +17,12 @@ use crate::session::control::{Command, refusal};
 use crate::sink::SinkError;
 use crate::web::Operator;
 
-mod holes;
+mod asking;
+mod file;
+mod ledger;
+mod missing;
 pub mod recorder;
+mod sources;
 
 /// How long an answer to a command may take.
 const ANSWER_WITHIN: Duration = Duration::from_secs(3);

@@ -214,23 +214,13 @@ fn a_remote_recording_survives_cuts_and_restarts() {
         .range(begin..)
         .filter(|stamp| !remote.contains(stamp))
         .count();
-    let tail = local
-        .iter()
-        .rev()
-        .take_while(|stamp| !remote.contains(stamp))
-        .count();
-    println!(
-        "{missing} of {} missing, of these {tail} at the end",
-        local.len()
-    );
+    println!("{missing} of {} missing", local.len());
     assert!(ledger["recovered"].as_u64().unwrap() > 8000, "{summary}");
     assert_eq!(
         ledger["gaps"].as_u64().unwrap(),
-        (missing - tail) as u64,
+        missing as u64,
         "the ledger is exact: {summary}"
     );
-    assert_eq!(missing - tail, 0, "{summary}");
-    // What is published while the session closes may not leave the host.
-    assert!(tail < 200, "{summary}");
+    assert_eq!(missing, 0, "{summary}");
     assert!(remote.last().unwrap() > &last && restarted.iter().any(|stamp| remote.contains(stamp)));
 }

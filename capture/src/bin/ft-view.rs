@@ -126,16 +126,11 @@ fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
         namespace: arguments.namespace.clone(),
         id: arguments.id.clone(),
     };
-    let remote = Arc::new(Remote::watch(
-        session,
-        which.clone(),
-        Arc::clone(&hub),
-        clock,
-    )?);
+    let remote = Arc::new(Remote::watch(session, which, Arc::clone(&hub), clock)?);
     let recorder = arguments
         .record
         .as_ref()
-        .map(|path| Recorder::begin(&remote, &which, path, arguments.force, clock))
+        .map(|path| Recorder::begin(&remote, path, arguments.force, clock))
         .transpose()?;
     let _page = arguments
         .web

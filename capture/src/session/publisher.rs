@@ -29,8 +29,8 @@ use crate::web::{self, Server};
 /// How long the publisher sleeps when nothing comes.
 const QUIET: Duration = Duration::from_millis(20);
 
-/// How long recorders on other machines may still ask for what they missed: two of the publisher's heartbeats.
-const LINGER: Duration = Duration::from_secs(1);
+/// How long recorders on other machines may still ask for what they missed.
+const SETTLE: Duration = Duration::from_secs(10);
 
 /// What looks on.
 #[derive(Debug)]
@@ -38,7 +38,6 @@ pub(super) struct Publisher {
     hub: Option<Arc<Hub>>,
     servers: Vec<Server>,
     zenoh: Option<(zenoh::Session, Vec<Queryable<()>>)>,
-    lingers: bool,
     /// Gives the number of messages that Zenoh refused, and the publishers with what they keep.
     thread: Option<JoinHandle<(u64, Outlets)>>,
 }
@@ -65,14 +64,13 @@ impl Publisher {
             hub: None,
             servers: Vec::new(),
             zenoh: None,
-            lingers: !plan.config.network.asks_for_nothing(),
             thread: None,
         };
         let Some(items) = items else {
             return Ok(publisher);
         };
         let transforms = static_transforms(&plan.config.frames, clock.now());
-        let sink = match publisher.open_zenoh(plan, &transforms, commands, surroundings) {
+        let sink = match publisher.open_zenoh(plan, clock, &transforms, commands, surroundings) {
             Ok(sink) => Some(sink),
             // Without a network that was asked for there is no session; without the one that nobody asked for there is.
             Err(error) if plan.config.network.asks_for_nothing() => {
@@ -105,6 +103,7 @@ impl Publisher {
     fn open_zenoh(
         &mut self,
         plan: &Plan,
+        clock: MonotonicClock,
         transforms: &TFMessage,
         commands: &Commands,
         surroundings: &mut impl Surroundings,
@@ -112,7 +111,7 @@ impl Publisher {
         let settings = &plan.config.network;
         let opened = network::open(settings)?;
         let node = format!("ft_capture_{}", plan.config.id.replace('-', "_"));
-        let sink = ZenohSink::declare(&opened.session, &node, settings, transforms)?;
+        let sink = ZenohSink::declare(&opened.session, &node, settings, transforms, clock)?;
         let queryables = control::declare(&opened.session, &plan.config.id, commands)?;
         surroundings.log(&opened.how);
         self.zenoh = Some((opened.session, queryables));
@@ -165,23 +164,18 @@ impl Publisher {
 
     /// What went wrong on the network is told; the recording has nothing to do with it.
     pub(super) fn finish(self, clock: MonotonicClock, surroundings: &mut impl Surroundings) {
-        let outlets = match self.thread.map(JoinHandle::join) {
-            None => None,
-            Some(Ok((refused, outlets))) => {
+        match self.thread.map(JoinHandle::join) {
+            None => {}
+            Some(Ok((refused, mut outlets))) => {
                 if refused > 0 {
                     surroundings.log(&format!("{refused} messages could not be published"));
                 }
-                Some(outlets)
+                if let Some(sink) = &mut outlets.zenoh {
+                    sink.settle(clock, SETTLE);
+                }
             }
-            Some(Err(_)) => {
-                surroundings.log("the publisher thread panicked: please report this");
-                None
-            }
-        };
-        if self.lingers && outlets.is_some() {
-            clock.wait_until(clock.now() + LINGER);
+            Some(Err(_)) => surroundings.log("the publisher thread panicked: please report this"),
         }
-        drop(outlets);
         drop(self.servers);
         if let Some((session, queryables)) = self.zenoh {
             drop(queryables);

@@ -18,6 +18,7 @@ use crate::{Arguments, CommandResult, Outcome, RecordArguments, Speed, simulate}
 pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
     let asks_for_network = arguments.router
         || arguments.view.is_some()
+        || arguments.foxglove.is_some()
         || !(arguments.listen.is_empty() && arguments.connect.is_empty());
     if arguments.speed == Speed::Max && asks_for_network {
         Arguments::command()

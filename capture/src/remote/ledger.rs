@@ -1,0 +1,107 @@
+//! What became of a remote recording.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+/// The account of one topic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RemoteLedger {
+    /// Messages in the file.
+    pub received: u64,
+    /// Of these, those that did not come by themselves: asked for again, or from before the recording.
+    pub recovered: u64,
+    /// Messages that the publisher numbered after the first in the file, and that are not in the file.
+    pub gaps: u64,
+    /// Messages that the publishers numbered before their first in the file: published before the recording, or lost then.
+    pub earlier: u64,
+    /// Messages that came twice; one was kept.
+    pub duplicated: u64,
+    /// Messages that came and were given up, as the ledger of every recording says it: none, because what has no room at once is
+    /// asked for again, and is a gap when it cannot be had.
+    pub drops: u64,
+    /// Messages of a type that this recorder does not know, or without rmw_zenoh's attachment.
+    pub refused: u64,
+}
+
+impl RemoteLedger {
+    /// Whether anything that was published since the first message is missing.
+    #[must_use]
+    pub const fn lost_data(&self) -> bool {
+        self.gaps + self.refused > 0
+    }
+}
+
+/// The end of a remote recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct RemoteSummary {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// By topic.
+    pub topics: BTreeMap<String, RemoteLedger>,
+}
+
+impl RemoteSummary {
+    /// Whether anything is missing.
+    #[must_use]
+    pub fn lost_data(&self) -> bool {
+        self.topics.values().any(RemoteLedger::lost_data)
+    }
+}
+
+impl std::fmt::Display for RemoteSummary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "{:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7}",
+            "topic", "received", "recovered", "missing", "earlier", "doubled", "refused"
+        )?;
+        for (topic, ledger) in &self.topics {
+            writeln!(
+                f,
+                "{topic:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7}",
+                ledger.received,
+                ledger.recovered,
+                ledger.gaps,
+                ledger.earlier,
+                ledger.duplicated,
+                ledger.refused
+            )?;
+        }
+        writeln!(
+            f,
+            "recorded {} ({:.1} MB)",
+            self.path.display(),
+            self.bytes as f64 * 1e-6
+        )?;
+        write!(
+            f,
+            "{}",
+            if self.lost_data() {
+                "DATA WAS LOST: see the counts above"
+            } else {
+                "nothing was lost"
+            }
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hole_is_a_loss_and_what_was_before_the_recording_is_none() {
+        let before = RemoteLedger {
+            earlier: 9,
+            recovered: 9,
+            duplicated: 9,
+            ..RemoteLedger::default()
+        };
+        assert!(!before.lost_data());
+        assert!(RemoteLedger { gaps: 1, ..before }.lost_data());
+    }
+}

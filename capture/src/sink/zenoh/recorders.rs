@@ -1,0 +1,195 @@
+//! Recorders on other machines: a thread that gives them again what they missed, and what is known of how far each is.
+//!
+//! One thread for all, so that neither the publisher nor Zenoh's threads wait for a recorder that takes nothing; such a
+//! recorder holds up the others until Zenoh lets it go (`wait_before_close`).
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use ft_drivers::{Clock, MonotonicClock};
+use ft_wire::HostTime;
+use zenoh::Wait;
+use zenoh::query::Query;
+use zenoh::sample::SourceInfo;
+use zenoh::session::EntityGlobalId;
+
+use super::kept::{Kept, Message, wrapped_number};
+use crate::recovery;
+use crate::rmw;
+
+/// Queries that may wait; who asked in vain asks again.
+const CAPACITY: usize = 1024;
+/// Messages that are taken from what is kept at a time: so long the publisher waits.
+const PORTION: usize = 256;
+/// Reports that are remembered.
+const MOST_REPORTS: usize = 1024;
+/// A recorder that has said nothing for this long is gone.
+const SILENT: Duration = Duration::from_secs(3);
+
+/// What one publisher has, and who it is.
+#[derive(Debug)]
+pub(super) struct Shelf {
+    /// The key of its messages.
+    pub(super) key: String,
+    /// Zenoh's name of it.
+    pub(super) id: EntityGlobalId,
+    /// ROS's name of it.
+    pub(super) gid: [u8; 16],
+    /// Its latest messages.
+    pub(super) kept: Mutex<Kept>,
+}
+
+impl Shelf {
+    /// Looks at what is kept.
+    pub(super) fn with<T>(&self, look: impl FnOnce(&mut Kept) -> T) -> T {
+        look(&mut self.kept.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// What was asked, and of which publisher.
+type Asked = (Query, usize);
+
+/// By publisher and recorder: before which number it needs nothing, and when it said so.
+type Reports = HashMap<(usize, String), (i64, HostTime)>;
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Recorders {
+    asked: Sender<Asked>,
+    reports: Arc<Mutex<Reports>>,
+}
+
+impl Recorders {
+    /// Starts the thread that answers for `shelves`; it ends when this and the queryables are gone.
+    pub(super) fn start(shelves: Vec<Arc<Shelf>>, clock: MonotonicClock) -> std::io::Result<Self> {
+        let (asked, queries) = bounded(CAPACITY);
+        let reports = Arc::new(Mutex::new(Reports::new()));
+        let desk = Desk {
+            shelves,
+            reports: Arc::clone(&reports),
+            clock,
+        };
+        std::thread::Builder::new()
+            .name("ft-answers".to_owned())
+            .spawn(move || desk.answer_until_closed(&queries))?;
+        Ok(Self { asked, reports })
+    }
+
+    /// Where queries about the publisher `index` go; never waits.
+    pub(super) fn desk(&self, index: usize) -> impl Fn(Query) + Send + Sync + 'static {
+        let asked = self.asked.clone();
+        move |query| {
+            let _ = asked.try_send((query, index));
+        }
+    }
+
+    /// Whether a recorder that is still there lacks messages of the publisher `index` up to `latest`.
+    pub(super) fn wait_for(&self, index: usize, latest: i64, now: HostTime) -> bool {
+        let reports = self.reports.lock().unwrap_or_else(PoisonError::into_inner);
+        reports.iter().any(|((of, _), (before, at))| {
+            *of == index && *before <= latest && now.saturating_since(*at) < SILENT
+        })
+    }
+}
+
+struct Desk {
+    shelves: Vec<Arc<Shelf>>,
+    reports: Arc<Mutex<Reports>>,
+    clock: MonotonicClock,
+}
+
+impl Desk {
+    fn answer_until_closed(&self, queries: &Receiver<Asked>) {
+        while let Ok((query, index)) = queries.recv() {
+            let Some(shelf) = self.shelves.get(index) else {
+                continue;
+            };
+            // Who asked may be gone: then there is nobody to tell.
+            let _ = match query.parameters().get(recovery::BY) {
+                Some(by) => self.take_report(&query, by, index, shelf),
+                None => give(&query, shelf),
+            };
+        }
+    }
+
+    fn take_report(
+        &self,
+        query: &Query,
+        by: &str,
+        index: usize,
+        shelf: &Shelf,
+    ) -> zenoh::Result<()> {
+        let (latest, oldest) = shelf.with(|kept| (kept.latest(), kept.oldest()));
+        let before = query.parameters().get(recovery::BEFORE);
+        let before = before.and_then(|text| text.parse().ok());
+        let before = before.map_or(0, |before| {
+            recovery::unwrapped(before, latest, wrapped_number(latest))
+        });
+        remember(
+            &mut self.reports.lock().unwrap_or_else(PoisonError::into_inner),
+            (index, by.to_owned()),
+            (before, self.clock.now()),
+        );
+        let payload = wrapped_number(oldest).to_le_bytes();
+        query
+            .reply(query.key_expr().clone(), payload.as_slice())
+            .wait()
+    }
+}
+
+fn remember(reports: &mut Reports, of: (usize, String), report: (i64, HostTime)) {
+    if reports.len() >= MOST_REPORTS && !reports.contains_key(&of) {
+        let now = report.1;
+        reports.retain(|_, (_, at)| now.saturating_since(*at) < SILENT);
+    }
+    if reports.len() < MOST_REPORTS || reports.contains_key(&of) {
+        reports.insert(of, report);
+    }
+}
+
+/// Gives what is asked for; nothing is held while it waits for who asked.
+fn give(query: &Query, shelf: &Shelf) -> zenoh::Result<()> {
+    let parameters = query.parameters();
+    let most = parameters.get("_max").and_then(|text| text.parse().ok());
+    let (mut first, last) = shelf.with(|kept| kept.asked(recovery::asked_range(parameters), most));
+    loop {
+        let portion = shelf.with(|kept| kept.portion(first, last, PORTION));
+        let Some(next) = portion.last().map(|message| message.number + 1) else {
+            return Ok(());
+        };
+        for Message {
+            number,
+            source_ns,
+            payload,
+        } in portion
+        {
+            let attachment = rmw::attachment(number, source_ns, shelf.gid);
+            query
+                .reply(shelf.key.as_str(), payload)
+                .attachment(attachment.as_slice())
+                .source_info(SourceInfo::new(shelf.id, wrapped_number(number)))
+                .wait()?;
+        }
+        first = next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_invents_recorders_costs_no_memory() {
+        let mut reports = Reports::new();
+        let at = HostTime::from_nanos(1);
+        for number in 0..2 * MOST_REPORTS {
+            remember(&mut reports, (0, number.to_string()), (5, at));
+        }
+        assert_eq!(reports.len(), MOST_REPORTS);
+        let later = at + SILENT;
+        remember(&mut reports, (0, "new".to_owned()), (5, later));
+        assert_eq!(reports.len(), 1, "those who are gone make room");
+    }
+}
