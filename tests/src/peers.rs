@@ -107,7 +107,8 @@ fn find_chromium(may_install: bool) -> Result<PathBuf, String> {
     if let Some(named) = std::env::var_os("FT_CHROMIUM") {
         return Ok(PathBuf::from(named));
     }
-    if let Some(found) = chromium_on_path() {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    if let Some(found) = on_path(&names) {
         return Ok(found);
     }
     if !may_install {
@@ -117,7 +118,56 @@ fn find_chromium(may_install: bool) -> Result<PathBuf, String> {
         );
     }
     install(&["chromium"])?;
-    chromium_on_path().ok_or_else(|| "apt installed no Chromium".to_owned())
+    on_path(&names).ok_or_else(|| "apt installed no Chromium".to_owned())
+}
+
+/// The command for `tests/peers/node/<script>`, with the packages of `tests/peers/node/package.json` from the npm registry in
+/// `target/node`; `None` after printing one line that says what `test` skips without them.
+///
+/// # Panics
+/// `FT_REQUIRE_PEERS` is set and there is no Node.
+#[must_use]
+pub fn node(test: &str, script: &str, arguments: &[&str]) -> Option<Command> {
+    static PACKAGES: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let required = std::env::var_os("FT_REQUIRE_PEERS").is_some();
+    match PACKAGES.get_or_init(|| node_packages(required)) {
+        Ok(folder) => {
+            let mut command = Command::new("node");
+            command
+                .arg(workspace_root().join("tests/peers/node").join(script))
+                .args(arguments)
+                .current_dir(folder);
+            Some(command)
+        }
+        Err(why) => {
+            assert!(!required, "{test}: {why}");
+            let _ = writeln!(std::io::stderr(), "skipped: {test}: {why}");
+            None
+        }
+    }
+}
+
+fn node_packages(may_install: bool) -> Result<PathBuf, String> {
+    if on_path(&["npm"]).is_none() {
+        if !may_install {
+            return Err("there is no npm (apt-get install nodejs npm)".to_owned());
+        }
+        install(&["nodejs", "npm"])?;
+    }
+    let (from, folder) = (
+        workspace_root().join("tests/peers/node"),
+        workspace_root().join("target/node"),
+    );
+    std::fs::create_dir_all(&folder).map_err(|error| error.to_string())?;
+    for name in ["package.json", "package-lock.json"] {
+        std::fs::copy(from.join(name), folder.join(name)).map_err(|error| error.to_string())?;
+    }
+    succeed(
+        Command::new("npm")
+            .args(["ci", "--silent", "--no-audit", "--ignore-scripts"])
+            .current_dir(&folder),
+    )?;
+    Ok(folder)
 }
 
 /// Installs packages of the system with apt, one test program at a time.
@@ -137,12 +187,10 @@ pub(crate) fn install(packages: &[&str]) -> Result<(), String> {
     Ok(())
 }
 
-fn chromium_on_path() -> Option<PathBuf> {
+fn on_path(names: &[&str]) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     std::env::split_paths(&path)
-        .flat_map(|folder| {
-            ["chromium", "chromium-browser", "google-chrome"].map(|name| folder.join(name))
-        })
+        .flat_map(|folder| names.iter().map(move |name| folder.join(name)))
         .find(|program| program.is_file())
 }
 

@@ -7,6 +7,8 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Output, Stdio};
 
+use ft_capture::rmw;
+use ft_recording::message::{Message as _, PoseStamped};
 use ft_tests::{peers, programs};
 use serde_json::Value;
 use tempfile::tempdir;
@@ -249,56 +251,132 @@ fn intruders_are_refused_and_nobody_else_notices() {
     );
 }
 
-#[test]
-fn a_client_of_the_foxglove_protocol_decodes_every_topic() {
-    let test = "a_client_of_the_foxglove_protocol_decodes_every_topic";
-    let Some(_) = peers::python(test) else { return };
-    let folder = tempdir().unwrap();
-    let arguments = [
-        "--sim",
-        "--no-record",
-        "--foxglove",
-        "127.0.0.1:17480",
-        "--view",
-        "127.0.0.1:0",
-        "--listen",
-        "tcp/127.0.0.1:17473",
-    ];
-    let serving = serve("ft-capture", &arguments, folder.path());
-    let seen = peers::run(test, "foxglove.py", &["ws://127.0.0.1:17480", "8"]);
-    let old = peers::run(
-        test,
-        "foxglove.py",
-        &["ws://127.0.0.1:17480", "1", "foxglove.websocket.v1"],
-    );
-    let (output, _) = serving.end();
-    expect_ended("ft-capture", &output);
-    old.unwrap().expect_code(0);
-    let seen = seen.unwrap().expect_code(0).json();
-    println!("{seen:#}");
-    for (topic, least) in [
-        ("/ft/wrench", 800.0 * 6.0),
-        ("/ft/wrench_view", 200.0 * 6.0),
-        ("/ft/force_arrow", 40.0 * 6.0),
-        ("/ft/temperature", 6.0),
-        ("/gripper/joint_states", 50.0 * 6.0),
-        ("/aria/pose", 1000.0 * 6.0),
-        ("/tf", 40.0 * 6.0),
-        ("/tf_static", 1.0),
-        ("/marks", 1.0),
-        ("/diagnostics", 6.0),
-    ] {
-        let count = seen["topics"][topic]["count"].as_f64().unwrap();
-        assert!(count >= least, "{topic}: {count}, wanted {least}: {seen}");
-        assert_eq!(seen["topics"][topic]["backwards"], 0, "{topic}: {seen}");
+/// What each topic has to bring, messages a second.
+const TOPICS: [(&str, f64); 11] = [
+    ("/ft/wrench", 600.0),
+    ("/ft/wrench_view", 150.0),
+    ("/ft/force_arrow", 30.0),
+    ("/ft/temperature", 0.75),
+    ("/gripper/joint_states", 37.5),
+    ("/aria/pose", 750.0),
+    ("/tcp/pose", 20.0),
+    ("/tf", 30.0),
+    ("/tf_static", 0.125),
+    ("/marks", 0.125),
+    ("/diagnostics", 0.75),
+];
+
+fn assert_every_topic(seen: &Value, seconds: f64) {
+    let topics = seen["topics"].as_object().unwrap();
+    assert_eq!(topics.len(), TOPICS.len(), "{seen}");
+    for (topic, rate_hz) in TOPICS {
+        let count = topics[topic]["count"].as_f64().unwrap();
+        assert!(
+            count >= rate_hz * seconds,
+            "{topic}: {count}, wanted {rate_hz} a second: {seen}"
+        );
     }
-    let arrow = &seen["topics"]["/ft/force_arrow"]["last"];
+    let last = |topic: &str| &topics[topic]["last"];
+    let arrow = last("/ft/force_arrow");
     assert_eq!(arrow["header"]["frame_id"], "ft_sensor", "{arrow}");
     assert_eq!(arrow["points"].as_array().unwrap().len(), 2, "{arrow}");
-    let tf = &seen["topics"]["/tf"]["last"]["transforms"][0];
+    let tf = &last("/tf")["transforms"][0];
     assert_eq!(
         (&tf["header"]["frame_id"], &tf["child_frame_id"]),
         (&"world".into(), &"aria_device".into()),
         "{tf}"
+    );
+    let at = &last("/tcp/pose")["pose"]["position"];
+    assert_eq!(
+        (&at["x"], &at["y"]),
+        (&serde_json::json!(0.25), &serde_json::json!(-0.5)),
+        "{at}"
+    );
+    let width = &last("/gripper/joint_states")["position"][0];
+    assert!(width.as_f64().unwrap() > 0.0, "{width}");
+    assert_eq!(
+        last("/ft/wrench")["header"]["frame_id"],
+        "ft_sensor",
+        "{seen}"
+    );
+}
+
+#[test]
+fn clients_of_the_foxglove_protocol_decode_every_topic() {
+    let test = "clients_of_the_foxglove_protocol_decode_every_topic";
+    let seconds = 10.0;
+    let (address, of_capture) = ("127.0.0.1:17480", "127.0.0.1:17479");
+    let url = format!("ws://{address}");
+    let (Some(_), Some(mut own_client)) = (
+        peers::python(test),
+        peers::node(test, "foxglove.js", &[&url, &seconds.to_string()]),
+    ) else {
+        return;
+    };
+    let folder = tempdir().unwrap();
+    let endpoint = "tcp/127.0.0.1:17473";
+    let arguments = [
+        "--sim",
+        "--no-record",
+        "--router",
+        "--foxglove",
+        of_capture,
+        "--view",
+        "127.0.0.1:0",
+        "--listen",
+        endpoint,
+    ];
+    let capture = serve("ft-capture", &arguments, folder.path());
+    // The tool's pose comes from elsewhere on the network.
+    let key = rmw::Topic::new(
+        "/tcp/pose",
+        PoseStamped::TYPE_NAME,
+        PoseStamped::TYPE_HASH,
+        rmw::Profile::Jazzy,
+    );
+    let mut tracker = peers::command(test, "tracker.py", &[endpoint, &key.key_expr(0)])
+        .unwrap()
+        .spawn()
+        .unwrap();
+    let arguments = [
+        "--connect",
+        endpoint,
+        "--foxglove",
+        address,
+        "--web",
+        "127.0.0.1:0",
+    ];
+    let viewer = serve("ft-view", &arguments, folder.path());
+    let foxgloves = own_client
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let seen = peers::run(test, "foxglove.py", &[&url, &seconds.to_string()]);
+    let foxgloves = programs::Finished::new("foxglove.js", &foxgloves.wait_with_output().unwrap());
+    let local = peers::run(
+        test,
+        "foxglove.py",
+        &[&format!("ws://{of_capture}"), "2", "foxglove.websocket.v1"],
+    );
+    tracker.kill().unwrap();
+    tracker.wait().unwrap();
+    let (viewed, _) = viewer.end();
+    let (captured, _) = capture.end();
+    programs::Finished::new("ft-view", &viewed).expect_code(0);
+    expect_ended("ft-capture", &captured);
+
+    let seen = seen.unwrap().expect_code(0).json();
+    for (topic, said) in seen["topics"].as_object().unwrap() {
+        assert_eq!(said["backwards"], 0, "{topic}: {seen}");
+    }
+    assert_every_topic(&seen, seconds);
+    let foxgloves = foxgloves.expect_code(0).json();
+    assert_eq!(foxgloves["complaints"], serde_json::json!([]));
+    assert_every_topic(&foxgloves, seconds - 2.0);
+    let local = local.unwrap().expect_code(0).json();
+    assert!(
+        local["topics"]["/ft/wrench"]["count"].as_u64() > Some(1000),
+        "{local}"
     );
 }

@@ -120,6 +120,21 @@ fn without_a_certificate_nobody_looks_and_a_viewer_does_not_command() {
         ],
         folder.path(),
     );
+    let recorded = programs::run(
+        "ft-view",
+        &[
+            "--keys",
+            "keys/viewer",
+            "--connect",
+            endpoint,
+            "--duration",
+            "2s",
+            "--record",
+            "viewer.mcap",
+            "--json",
+        ],
+        folder.path(),
+    );
     let strange = programs::run(
         "ft-view",
         &[
@@ -135,6 +150,13 @@ fn without_a_certificate_nobody_looks_and_a_viewer_does_not_command() {
     );
     let (summary, said) = end(capture);
     own.expect_code(0);
+    // A viewer may also ask for what it missed: here what was published before it came.
+    let ledger = &recorded.expect_code(0).json()["topics"]["/ft/wrench"];
+    assert_eq!(
+        (&ledger["gaps"], &ledger["earlier"]),
+        (&0.into(), &0.into())
+    );
+    assert!(ledger["recovered"].as_u64().unwrap() > 2000, "{ledger}");
     strange.expect_code(1);
     let seen = seen.unwrap().expect_code(0).json();
     println!("{seen:#}\n{said}");
