@@ -4,15 +4,13 @@
 use std::path::Path;
 
 use ft_recording::rewrite::Rewrite;
-use ft_recording::{
-    Calibration, Estimate, MessageStamps, Pose7, Qos, Recording, TopicMap, metadata, topic,
-};
+use ft_recording::{Calibration, Estimate, Pose7, Recording, TopicMap, metadata, topic};
 use ft_wire::HostTime;
+use ft_wire::frames::{Frame as _, FtSensor, Tcp};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
 use crate::config::{Frames, StaticPose};
-use crate::encode::static_transforms;
 
 mod align;
 mod dense;
@@ -256,12 +254,13 @@ fn six(fit: &Fit, at: usize) -> Estimate<[f64; 6]> {
 fn temperature(recording: &Recording, problem: &Problem) -> Option<Vec<(f64, f64)>> {
     let start = recording.wrench.first()?.at;
     let (from, to) = (problem.windows.first()?.0, problem.windows.last()?.1);
-    let inside: Vec<(f64, f64)> = recording
+    let mut inside: Vec<(f64, f64)> = recording
         .temperature
         .iter()
         .map(|sample| (sample.at.seconds_since(start), sample.value))
-        .filter(|(t, _)| (from..=to).contains(t))
+        .filter(|(t, value)| (from..=to).contains(t) && value.is_finite())
         .collect();
+    inside.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mean = inside.iter().map(|(_, value)| value).sum::<f64>() / inside.len().max(1) as f64;
     let values = || inside.iter().map(|(_, value)| *value);
     let range = values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min);
@@ -387,12 +386,12 @@ pub fn calibrate_file(
         );
         let start = recording.wrench.first().map_or(HostTime::EPOCH, |w| w.at);
         if let Some(frames) = found.frames(&recording) {
-            let stamps = MessageStamps {
-                log_time: start,
-                publish_time: start,
+            let sensor = &frames.tcp_from_ft_sensor;
+            let pose = Pose7 {
+                position: sensor.position_m,
+                quaternion: sensor.quaternion_xyzw,
             };
-            let message = static_transforms(&frames, start);
-            rewrite.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
+            rewrite.set_frame(Tcp::NAME, FtSensor::NAME, pose, map, start);
         }
         if let (true, Some(alignment)) = (outputs.shift, found.alignment) {
             let map = map.clone();

@@ -25,6 +25,10 @@ pub trait Intake {
 /// How often the state of a device's clock is reported.
 const CLOCK_REPORT_PERIOD: Duration = Duration::from_secs(1);
 
+/// Said when the number of samples turned out to be no clock yet.
+const NO_CLOCK: &str = "samples were lost, or came unevenly, while their period was learned: the stamps of the seconds before this are arrivals, \
+                        which bursts of the line shift by some ms; from here on they are by the number of samples again";
+
 /// The outlet of one device's pump.
 #[derive(Debug)]
 pub struct Channel<I> {
@@ -38,6 +42,8 @@ pub struct Channel<I> {
     raw: Vec<u8>,
     clock_report_due: HostTime,
     delivers: bool,
+    /// How often the operator was told that the samples were no clock.
+    told: u32,
 }
 
 fn config(link_delay: Duration) -> OneWayConfig {
@@ -66,6 +72,7 @@ impl<I: Intake> Channel<I> {
             raw: Vec::with_capacity(RawBytes::CAPACITY),
             clock_report_due: HostTime::EPOCH,
             delivers: false,
+            told: 0,
         }
     }
 
@@ -103,12 +110,23 @@ impl<I: Intake> Channel<I> {
             return translated.at;
         }
         let counted = self.counted.as_mut();
-        let Some((instant, status)) = counted
-            .and_then(|counted| Some((counted.observe(at.arrival)?, counted.clock().status())))
-        else {
+        let Some((instant, status, mended)) = counted.and_then(|counted| {
+            let instant = counted.observe(at.arrival)?;
+            Some((instant, counted.clock().status(), counted.mended()))
+        }) else {
             return at.arrival - self.link_delay;
         };
         self.report_clock(at.arrival, status);
+        if mended > self.told {
+            self.told = mended;
+            self.put(
+                at.arrival,
+                at.arrival,
+                Body::Event(DeviceEvent::Warning {
+                    text: NO_CLOCK.to_owned(),
+                }),
+            );
+        }
         at.device_ns = Some(instant.device_ns);
         instant.translated.at
     }
@@ -178,5 +196,73 @@ impl<I: Intake, F: RawFrame> Outlet<F> for Channel<I> {
             }
             _ => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ft_drivers::reading::WrenchReading;
+    use ft_wire::frames::Wrench;
+
+    use super::*;
+
+    #[derive(Default)]
+    struct Taken(Vec<Item>);
+
+    impl Intake for &mut Taken {
+        fn put(&mut self, item: Item, _: &StreamCounters) {
+            self.0.push(item);
+        }
+    }
+
+    /// 20 s at 100 Hz behind an adapter that hands over every 16 ms, without the samples in `lost`: sample times minus the truth from
+    /// 12 s on, the largest in us, and what was warned of.
+    fn seen(lost: core::ops::Range<i64>) -> (f64, Vec<String>) {
+        let mut taken = Taken::default();
+        let mut channel =
+            Channel::new(0, &mut taken, Arc::default(), Duration::ZERO).sampling_evenly(true);
+        for k in (0..2_000_i64).filter(|k| !lost.contains(k)) {
+            let true_ns = 1_700_000_000_000_000_000 + k * 10_000_000;
+            let arrival = HostTime::from_nanos((true_ns / 16_000_000 + 1) * 16_000_000);
+            let reading = Reading::Wrench(WrenchReading {
+                at: SampleInstant {
+                    arrival,
+                    device_ns: None,
+                },
+                wrench: Wrench::from_array([0.0; 6]),
+                temperature_celsius: None,
+                quality: Quality::Good,
+                status_bits: k as u32,
+            });
+            Outlet::<ft_wire::can::CanFrame>::reading(&mut channel, reading);
+        }
+        let (mut worst, mut warned) = (0.0_f64, Vec::new());
+        for item in &taken.0 {
+            match &item.body {
+                Body::Wrench(reading) if reading.status_bits >= 1_200 => {
+                    let true_ns =
+                        1_700_000_000_000_000_000 + i64::from(reading.status_bits) * 10_000_000;
+                    let error = item.sample_time.as_nanos() - true_ns;
+                    worst = worst.max(1e-3 * error.abs() as f64);
+                }
+                Body::Event(DeviceEvent::Warning { text }) => warned.push(text.clone()),
+                _ => {}
+            }
+        }
+        (worst, warned)
+    }
+
+    #[test]
+    fn losses_while_the_period_is_learned_are_made_good_and_told() {
+        let (whole, silent) = seen(0..0);
+        assert!(silent.is_empty(), "{silent:?}");
+        let (worst, warned) = seen(40..43);
+        // Arrivals are up to 16 ms late.
+        assert!(whole < 2_500.0 && worst < 2_500.0, "{whole} {worst}");
+        assert_eq!(warned.len(), 1);
+        assert!(
+            warned[0].contains("samples were lost") && warned[0].contains("are arrivals"),
+            "{warned:?}"
+        );
     }
 }

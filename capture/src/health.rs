@@ -234,6 +234,9 @@ impl DeviceHealth {
             pair("interruptions", ledger.interruptions),
             pair("view_drops", ledger.view_drops),
         ];
+        if !self.warnings.is_empty() {
+            values.push(pair("warnings", self.warnings.join("; ")));
+        }
         if let Some(clock) = &self.clock {
             values.push(pair("clock_offset_ns", clock.offset_ns));
             values.push(pair("clock_skew_ppm", format!("{:.3}", clock.skew_ppm)));
@@ -372,6 +375,21 @@ mod tests {
         assert_eq!(
             (status.level, status.message.as_str()),
             (ERROR, "lost: no bytes for 1 s")
+        );
+    }
+
+    #[test]
+    fn lost_samples_do_not_hide_what_was_warned_of() {
+        let (mut health, counters) = health();
+        health.take(&event(DeviceEvent::Streaming));
+        let text = "stamps are arrivals".to_owned();
+        health.take(&event(DeviceEvent::Warning { text: text.clone() }));
+        counters.add_drop();
+        let status = health.poll(at(1)).unwrap().status.remove(0);
+        assert_eq!(status.message, "streaming, data was lost");
+        assert!(
+            status.values.contains(&pair("warnings", text)),
+            "{status:?}"
         );
     }
 

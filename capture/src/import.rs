@@ -14,6 +14,7 @@ pub mod clock_map;
 pub mod hoi;
 pub mod matrix;
 pub mod mps;
+mod plausible;
 pub mod table;
 pub mod tables;
 

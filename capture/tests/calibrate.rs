@@ -5,9 +5,19 @@
     reason = "a test fails by panicking"
 )]
 
+use std::path::Path;
+
 use ft_capture::calibrate::{
-    Alignment, CalibrateError, CalibrateOptions, Calibrated, align_recording, calibrate,
+    Alignment, CalibrateError, CalibrateOptions, Calibrated, Outputs, align_recording, calibrate,
+    calibrate_file,
 };
+use ft_recording::message::{
+    Header, PoseStamped, TFMessage, Temperature, TransformStamped, WrenchStamped,
+};
+use ft_recording::reader::{Record, RecordReader};
+use ft_recording::rewrite::Rewrite;
+use ft_recording::{Message as _, MessageStamps, Pose7, Qos, Recording, Stamped, TopicMap};
+use ft_wire::HostTime;
 
 #[path = "support/shake.rs"]
 mod shake;
@@ -473,4 +483,196 @@ fn a_rotation_is_not_made_up_from_a_tool_that_only_turns_about_one_axis_or_from_
     }
     let text = calibrate(&mirrored, &options).unwrap_err().to_string();
     assert!(text.contains("mirror"), "{text}");
+}
+
+fn transform(parent: &str, child: &str, pose: &Pose7) -> TransformStamped {
+    let mut out = TransformStamped {
+        header: Header {
+            frame_id: parent.to_owned(),
+            ..Header::default()
+        },
+        child_frame_id: child.to_owned(),
+        ..TransformStamped::default()
+    };
+    out.transform.translation = pose.position.into();
+    out.transform.rotation = pose.quaternion.into();
+    out
+}
+
+/// Writes a recording under other people's names of topics: `/their/wrench`, `/their/pose`, `/their/frames`.
+fn write_theirs(recording: &Recording, transforms: &[TransformStamped], path: &Path) {
+    let stamps = |at| MessageStamps {
+        log_time: at,
+        publish_time: at,
+    };
+    let mut rewrite = Rewrite::new();
+    let wrench = recording.wrench.iter().map(|sample| {
+        let (header, wrench) = (Header::new(sample.at, "ft_sensor"), sample.value.into());
+        (stamps(sample.at), WrenchStamped { header, wrench })
+    });
+    rewrite.add("/their/wrench", Qos::SENSOR, wrench);
+    let poses = recording.pose.samples.iter().map(|sample| {
+        let mut message = PoseStamped {
+            header: Header::new(sample.at, "world"),
+            ..PoseStamped::default()
+        };
+        message.pose.position = sample.value.position.into();
+        message.pose.orientation = sample.value.quaternion.into();
+        (stamps(sample.at), message)
+    });
+    rewrite.add("/their/pose", Qos::SENSOR, poses);
+    // Said twice, as latched topics of others are.
+    let start = recording.wrench[0].at;
+    let message = TFMessage {
+        transforms: transforms.to_vec(),
+    };
+    let later = HostTime::from_nanos(start.as_nanos() + 1_000_000_000);
+    let messages = [start, later].map(|at| (stamps(at), message.clone()));
+    rewrite.add("/their/frames", Qos::LATCHED, messages);
+    let warmth = [(f64::NAN, 0), (31.0, 1), (31.0, 2)].map(|(temperature, second)| {
+        let at = HostTime::from_nanos(start.as_nanos() + second * 1_000_000_000);
+        let header = Header::new(at, "ft_sensor");
+        let message = Temperature {
+            header,
+            temperature,
+            variance: 0.0,
+        };
+        (stamps(at), message)
+    });
+    rewrite.add("/ft/temperature", Qos::SENSOR, warmth);
+    rewrite.write(None, path, true).unwrap();
+}
+
+/// All transforms of a topic, as they stand in the file.
+fn transforms_of(path: &Path, topic: &str) -> Vec<Vec<TransformStamped>> {
+    let mut reader = RecordReader::open(path).unwrap();
+    let (mut channel, mut found) = (None, Vec::new());
+    while let Some(record) = reader.next_record().unwrap() {
+        match record {
+            Record::Channel(one) if one.topic == topic => channel = Some(one.id),
+            Record::Message(message) if Some(message.channel_id) == channel => {
+                found.push(TFMessage::decode(message.data).unwrap().transforms);
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
+#[test]
+fn a_mapped_recording_is_shifted_and_keeps_the_transforms_that_do_not_concern_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    let setup = Setup::random(33_001, Motion::SHAKE);
+    let recording = setup.record();
+    // The sensor hangs below a flange, which is written upside down; and there are frames of others.
+    let flange = Pose7 {
+        position: [0.0, 0.02, 0.03],
+        quaternion: [0.6, 0.0, 0.0, 0.8],
+    };
+    let wrong = Pose7 {
+        quaternion: [0.0, 0.0, 0.0, 1.0],
+        ..setup.tcp_from_ft_sensor
+    };
+    let camera = transform("tcp", "camera", &flange);
+    let theirs = [
+        camera.clone(),
+        transform("flange", "tcp", &flange.inverse()),
+        transform(
+            "ft_sensor",
+            "flange",
+            &flange.inverse().then(&wrong).inverse(),
+        ),
+    ];
+    write_theirs(&recording, &theirs, &source);
+    let names = [
+        "/their/wrench=/ft/wrench",
+        "/their/pose=/tcp/pose",
+        "/their/frames=/tf_static",
+    ];
+    let map = TopicMap::from_arguments(names).unwrap();
+    let options = CalibrateOptions {
+        find_rotation: true,
+        ..CalibrateOptions::default()
+    };
+    let outputs = Outputs {
+        recording: Some(&out),
+        shift: true,
+        ..Outputs::default()
+    };
+    let found = calibrate_file(&source, &map, &options, &outputs).unwrap();
+    let offset_s = found.alignment.unwrap().offset_s;
+    assert!((offset_s - setup.offset_s).abs() < 1e-3, "{found}");
+
+    let [before, after] = [&source, &out].map(|path| Recording::load(path, &map).unwrap());
+    assert_eq!(before.wrench, after.wrench);
+    for (a, b) in before.pose.samples.iter().zip(&after.pose.samples) {
+        assert!(
+            (b.at.seconds_since(a.at) - offset_s).abs() < 1e-6,
+            "{a:?} {b:?}"
+        );
+        assert_eq!(a.value, b.value);
+    }
+    let turned = found.rotation.unwrap();
+    assert!(
+        turned.angle_deg(setup.tcp_from_ft_sensor.quaternion) < 0.2,
+        "{found}"
+    );
+    assert!(turned.angle_deg(after.tcp_from_ft_sensor.quaternion) < 1e-6);
+    let apart =
+        |k: usize| after.tcp_from_ft_sensor.position[k] - setup.tcp_from_ft_sensor.position[k];
+    assert!(
+        (0..3).all(|k| apart(k).abs() < 1e-9),
+        "{:?}",
+        after.tcp_from_ft_sensor
+    );
+
+    // Both messages have the new transform of the sensor, in its direction; the others are as they were.
+    let said = transforms_of(&out, "/their/frames");
+    assert_eq!(said.len(), 2);
+    for transforms in said {
+        assert_eq!(transforms[..2], theirs[..2]);
+        assert_eq!(transforms[2].header.frame_id, "ft_sensor");
+        assert_ne!(transforms[2].transform, theirs[2].transform);
+        assert_eq!(transforms.len(), 3);
+    }
+    assert!(transforms_of(&out, "/tf_static").is_empty());
+}
+
+#[test]
+fn a_thermometer_that_fails_or_speaks_out_of_order_does_no_harm() {
+    let motion = Motion {
+        duration_s: 60.0,
+        ..Motion::SHAKE
+    };
+    let warm = Setup {
+        bias_per_kelvin: [0.08, -0.05, 0.12, 0.003, 0.004, -0.002],
+        warms_k: 6.0,
+        pose_hz: 200.0,
+        ..Setup::random(28_100, motion)
+    };
+    let good = warm.record();
+    let known = calibrate(&good, &CalibrateOptions::default()).unwrap();
+    let mut bad = good.clone();
+    let failed = |k: usize| Stamped {
+        at: bad.temperature[k].at,
+        value: f64::NAN,
+    };
+    let failures: Vec<_> = (0..bad.temperature.len()).step_by(7).map(failed).collect();
+    bad.temperature.reverse();
+    bad.temperature.extend(failures);
+    let found = calibrate(&bad, &CalibrateOptions::default()).unwrap();
+    let (a, b) = (
+        known.bias_per_kelvin.unwrap(),
+        found.bias_per_kelvin.unwrap(),
+    );
+    for k in 0..6 {
+        assert!((a.value[k] - b.value[k]).abs() < 1e-9, "{known}\n{found}");
+    }
+    // One that only fails is none.
+    for sample in &mut bad.temperature {
+        sample.value = f64::NAN;
+    }
+    let found = calibrate(&bad, &CalibrateOptions::default()).unwrap();
+    assert!(found.bias_per_kelvin.is_none(), "{found}");
 }

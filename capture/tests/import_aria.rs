@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use ft_capture::config::{Frames, StaticPose};
 use ft_capture::import::aria::{AriaOptions, AriaReport, import_aria};
 use ft_capture::import::mps::{Trajectory, TrajectoryKind};
-use ft_recording::message::{Header, WrenchStamped};
+use ft_recording::message::{Header, PoseStamped, TFMessage, TransformStamped, WrenchStamped};
 use ft_recording::qos::Qos;
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{MessageStamps, Recording, TopicMap, check};
@@ -420,4 +420,126 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
         text.contains("/no/such") && text.contains("/their/wrench"),
         "{text}"
     );
+}
+
+#[test]
+fn a_bad_open_loop_file_does_not_stop_a_good_closed_loop_one() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (source, out) = (scratch.path().join("a.mcap"), scratch.path().join("b.mcap"));
+    let start = 1_700_000_000_000_000_000_i64;
+    wrench_recording(&source, HostTime::from_nanos(start));
+    // The closed-loop file has utc of its own.
+    let with_utc: Vec<String> = made_up("")
+        .lines()
+        .enumerate()
+        .map(|(k, line)| line.replacen(",-1,", &format!(",{},", start + 10_000_000 * k as i64), 1))
+        .collect();
+    let options = AriaOptions {
+        align: false,
+        overwrite: true,
+        ..AriaOptions::default()
+    };
+    for bad in [
+        "",
+        "what is this",
+        "tracking_timestamp_us,utc_timestamp_ns\n1,2\n",
+    ] {
+        std::fs::write(
+            scratch.path().join("closed_loop_trajectory.csv"),
+            with_utc.join("\n"),
+        )
+        .unwrap();
+        std::fs::write(scratch.path().join("open_loop_trajectory.csv"), bad).unwrap();
+        let report = import_aria(&source, scratch.path(), &out, &options).unwrap();
+        assert_eq!(
+            (report.kind, report.poses),
+            (TrajectoryKind::ClosedLoop, 500)
+        );
+        assert!((report.begins_s - 0.01).abs() < 1e-6, "{report}");
+        let text = report.to_string();
+        assert!(
+            text.contains("not read:") && text.contains("open_loop_trajectory.csv"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn poses_and_transforms_that_the_recording_has_are_told_or_kept() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    let start = HostTime::from_nanos(1_700_000_000_000_000_000);
+    wrench_recording(&path("wrench.mcap"), start);
+    let stamps = MessageStamps {
+        log_time: start,
+        publish_time: start,
+    };
+    let transform = |parent: &str, child: &str, x: f64| {
+        let mut out = TransformStamped {
+            header: Header::new(start, parent),
+            child_frame_id: child.to_owned(),
+            ..TransformStamped::default()
+        };
+        out.transform.translation.x = x;
+        out.transform.rotation.w = 1.0;
+        out
+    };
+    let transforms = vec![
+        transform("base", "camera", 3.0),
+        transform("tcp", "ft_sensor", 0.4),
+    ];
+    let mut rewrite = Rewrite::new();
+    rewrite.add(
+        ft_recording::topic::TF_STATIC,
+        Qos::LATCHED,
+        [(stamps, TFMessage { transforms })],
+    );
+    let poses = (0..7).map(|_| {
+        let mut message = PoseStamped {
+            header: Header::new(start, "world"),
+            ..PoseStamped::default()
+        };
+        message.pose.orientation.w = 1.0;
+        (stamps, message)
+    });
+    rewrite.add("/tcp/pose", Qos::SENSOR, poses);
+    rewrite
+        .write(Some(&path("wrench.mcap")), &path("a.mcap"), true)
+        .unwrap();
+    std::fs::write(path("closed_loop_trajectory.csv"), made_up("")).unwrap();
+    let trajectory = path("closed_loop_trajectory.csv");
+    let options = AriaOptions {
+        align: false,
+        starts_at_s: Some(0.5),
+        ..AriaOptions::default()
+    };
+    // Nothing is said of where the tool is: the transforms stay as they are, and no frame is made up.
+    let report = import_aria(&path("a.mcap"), &trajectory, &path("b.mcap"), &options).unwrap();
+    let text = report.to_string();
+    assert!(
+        text.contains("the recording's own /tcp/pose (7 poses) is not in the new one"),
+        "{text}"
+    );
+    assert!(
+        text.contains("no /tcp/pose: nothing says where the tool is"),
+        "{text}"
+    );
+    let (_, known) = Recording::load_without_pose(&path("b.mcap"), &TopicMap::default()).unwrap();
+    assert_eq!(known.aria_device_from_tcp, None);
+    assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.4, 0.0, 0.0]);
+    // With frames, these two are as they say.
+    let options = AriaOptions {
+        frames: Some(frames()),
+        ..options
+    };
+    import_aria(&path("a.mcap"), &trajectory, &path("c.mcap"), &options).unwrap();
+    let (_, known) = Recording::load_without_pose(&path("c.mcap"), &TopicMap::default()).unwrap();
+    assert_eq!(
+        known.aria_device_from_tcp.unwrap().position,
+        [0.0, 0.1, -0.2]
+    );
+    assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.0; 3]);
+    let report = check::check(&path("c.mcap")).unwrap();
+    assert_eq!(report.topics["/tf_static"].messages, 1);
+    assert_eq!(report.topics["/tcp/pose"].messages, 500);
 }

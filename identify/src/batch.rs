@@ -1,7 +1,8 @@
 //! Many recordings, in parallel, each into its own directory, with one table over all.
 //!
 //! What became of a recording is kept beside its report (`batch.json`, by the recording's hash, the settings and the
-//! version), so that a run that was stopped goes on where it was. A recording that cannot be identified, or that makes the
+//! version), so that a run that was stopped goes on where it was; what the system refused (a disk that is full, a file that cannot be
+//! read) is tried again. A recording that cannot be identified, or that makes the
 //! identification panic, is a row of the table and stops nothing.
 
 use std::fmt::Write as _;
@@ -233,6 +234,10 @@ fn one(directory: &Path, file: &Path, output: &Path, options: &BatchOptions) -> 
     }));
     let row = match identified {
         Ok(Ok(report)) => BatchRow::of(name, key, &report),
+        // What the system refuses now it may give later: tried again by the next run.
+        Ok(Err(error)) if error.is_transient() => {
+            return (BatchRow::failed(name, key, error.to_string()), false);
+        }
         Ok(Err(error)) => BatchRow::failed(name, key, error.to_string()),
         Err(_) => BatchRow::failed(name, key, "the identification broke off (panic)".to_owned()),
     };

@@ -122,3 +122,21 @@ pub enum IdentifyError {
         source: std::io::Error,
     },
 }
+
+impl IdentifyError {
+    /// Whether the same input may give a result later, because the system refused to read or write, or another process was writing.
+    #[must_use]
+    pub const fn is_transient(&self) -> bool {
+        matches!(
+            self,
+            Self::Write { .. }
+                | Self::Read(
+                    ReadError::Io { .. }
+                        | ReadError::Busy { .. }
+                        | ReadError::NoRoom { .. }
+                        | ReadError::Write(_)
+                )
+                | Self::Track(TrackError::Io { .. })
+        )
+    }
+}

@@ -54,6 +54,8 @@ pub struct Report {
     pub topics: BTreeMap<String, TopicReport>,
     /// Device clocks by what `/diagnostics` last said of them.
     pub clocks: BTreeMap<String, ClockReport>,
+    /// What the operator was warned of, by device, as `/diagnostics` last said.
+    pub warnings: BTreeMap<String, String>,
     /// Account of every stream at the end (metadata `ft.ledger`), as written; empty when absent.
     pub ledger: BTreeMap<String, String>,
     /// Whether a calibration of the tool is there and right.
@@ -156,6 +158,7 @@ pub fn check_mapped(path: &Path, map: &TopicMap) -> Result<Report, ReadError> {
         duration_s: span.map_or(0.0, |(start, end)| end.seconds_since(start)),
         topics,
         clocks: survey.clocks.clocks,
+        warnings: survey.clocks.warnings,
         ledger: survey.ledger,
         calibration: survey.calibration,
         session: survey.session,
@@ -461,6 +464,9 @@ impl fmt::Display for Report {
                 "  clock of {device}: skew {:+.1} ppm, stamps known to {:.1} us (at worst {:.1} us after 10 s)",
                 clock.skew_ppm, clock.spread_us, clock.largest_spread_us
             )?;
+        }
+        for (device, text) in &self.warnings {
+            writeln!(f, "  warning of {device}: {text}")?;
         }
         for (stream, counts) in &self.ledger {
             writeln!(f, "  ledger of {stream}: {counts}")?;

@@ -22,6 +22,7 @@ mod track;
 
 use loader::Loader;
 pub use pose::Pose7;
+pub(crate) use pose::{StaticTransforms, frame_name};
 pub use topic_map::TopicMap;
 pub use track::{ReadHealth, TopicHealth};
 

@@ -7,10 +7,16 @@ use std::path::Path;
 
 use ft_wire::HostTime;
 
+mod frames;
+
+use frames::{Changes, Wanted};
+
 pub use crate::error::ReadError;
 use crate::message::{JointState, Message, PoseStamped, Temperature, Time, WrenchStamped};
 use crate::qos::Qos;
 use crate::reader::{RawMessage, Record, RecordReader, Schema};
+use crate::recording::{Pose7, TopicMap};
+use crate::topic;
 use crate::writer::{ChannelId, Finished, MessageStamps, RecordingWriter, WriterOptions};
 
 /// Gives a message its new stamp from its topic, its stamp and its arrival.
@@ -23,6 +29,7 @@ pub struct Rewrite<'a> {
     metadata: BTreeMap<String, BTreeMap<String, String>>,
     added: Vec<Added>,
     restamp: Option<Restamp<'a>>,
+    frames: Wanted,
 }
 
 impl std::fmt::Debug for Rewrite<'_> {
@@ -86,6 +93,23 @@ impl<'a> Rewrite<'a> {
         self
     }
 
+    /// Puts `frame` at `base_from_frame` in the source's static transforms (`/tf_static`, or what `map` calls so): only the transform of
+    /// the chain between them that leads to `frame` is changed, in the direction in which it stands; one is added, stamped `at`, when no
+    /// chain joins them.
+    pub fn set_frame(
+        &mut self,
+        base: &str,
+        frame: &str,
+        base_from_frame: Pose7,
+        map: &TopicMap,
+        at: HostTime,
+    ) -> &mut Self {
+        let names = (base.to_owned(), frame.to_owned());
+        self.frames.frames.push((names.0, names.1, base_from_frame));
+        (self.frames.map, self.frames.at) = (map.clone(), at);
+        self
+    }
+
     /// Stamps messages of the types that have a stamp with what `stamp` makes of (topic, stamp, arrival).
     pub fn restamp(
         &mut self,
@@ -107,6 +131,15 @@ impl<'a> Rewrite<'a> {
         overwrite: bool,
     ) -> Result<Finished, ReadError> {
         let mut reader = source.map(RecordReader::open).transpose()?;
+        let mut changes = self.frames.changes(source)?;
+        if let Some(message) = changes.left() {
+            let at = self.frames.at;
+            let stamps = MessageStamps {
+                log_time: at,
+                publish_time: at,
+            };
+            self.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
+        }
         if let Some(source) = source
             && crate::recover::same_file(source, out)
         {
@@ -120,7 +153,7 @@ impl<'a> Rewrite<'a> {
             ..WriterOptions::default()
         };
         let mut writer = RecordingWriter::create(out, &options)?;
-        let result = self.fill(&mut writer, reader.as_mut(), source);
+        let result = self.fill(&mut writer, reader.as_mut(), source, &mut changes);
         match result {
             Ok(()) => Ok(writer.finish()?),
             Err(error) => {
@@ -136,15 +169,27 @@ impl<'a> Rewrite<'a> {
         writer: &mut RecordingWriter,
         reader: Option<&mut RecordReader<std::io::BufReader<std::fs::File>>>,
         source: Option<&Path>,
+        changes: &mut Changes,
     ) -> Result<(), ReadError> {
         for (name, entries) in &self.metadata {
             writer.write_metadata(name, entries)?;
         }
         let mut pending = Pending::open(std::mem::take(&mut self.added), writer)?;
-        let mut channels = BTreeMap::new();
+        let mut channels: BTreeMap<u16, Copied> = BTreeMap::new();
         let mut schemas = BTreeMap::new();
         if let Some(reader) = reader {
             while let Some(record) = reader.next_record()? {
+                if let Record::Message(message) = &record
+                    && let Some(copied) = channels.get(&message.channel_id)
+                    && changes.concern(&copied.topic)
+                {
+                    pending.write_until(Some(message.log_time), writer)?;
+                    let changed = changes.apply(message.data);
+                    let data = changed.as_deref().unwrap_or(message.data);
+                    let message = RawMessage { data, ..*message };
+                    self.copy_message(writer, copied, &message)?;
+                    continue;
+                }
                 self.copy(writer, &mut pending, &mut channels, &mut schemas, record)?;
             }
             if let Some(damage) = reader.damage().first() {

@@ -15,19 +15,18 @@ use ft_recording::{
     metadata, topic,
 };
 use ft_wire::HostTime;
-use ft_wire::frames::{Frame, World};
+use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp, World};
 use serde::Serialize;
 
 mod folder;
 
 use folder::MpsFolder;
 
-use super::ImportError;
 use super::clock_map::ClockMap;
 use super::mps::{SourceFile, Trajectory, TrajectoryCounts, TrajectoryKind};
+use super::{ImportError, plausible};
 use crate::calibrate::{Alignment, CalibrateOptions, align_recording};
 use crate::config::{Frames, StaticPose};
-use crate::encode::static_transforms;
 
 /// How to import.
 #[derive(Clone, Debug)]
@@ -84,6 +83,10 @@ pub struct AriaReport {
     pub begins_s: f64,
     /// What the tool's own wrench adds to that; none when it was not asked.
     pub alignment: Option<Alignment>,
+    /// Poses that the source recording had, by topic: they are not in the new one.
+    pub replaced: BTreeMap<String, u64>,
+    /// What looks like other units.
+    pub doubts: Vec<String>,
     /// Whether `/tcp/pose` was written: it needs to know where the tool is on the glasses.
     pub has_tcp: bool,
     /// Time offsets of the glasses' inertial sensors (online calibration), ms: least and largest by sensor.
@@ -167,6 +170,19 @@ pub fn import_aria(
         .into_iter()
         .chain(calibration_not_read)
         .collect();
+    let mut doubts = plausible::of_poses(&recording.pose.samples);
+    if let Some(frames) = &frames {
+        doubts.extend(plausible::of_mounts([
+            (
+                "glasses and tool",
+                &pose7(&frames.aria_device_from_tcp, source)?,
+            ),
+            (
+                "tool and sensor",
+                &pose7(&frames.tcp_from_ft_sensor, source)?,
+            ),
+        ]));
+    }
     let report = AriaReport {
         path: out.to_owned(),
         sources: folder.hashes(source)?,
@@ -176,32 +192,40 @@ pub fn import_aria(
         utc_rms_ms: utc.map(|map| 1e-6 * map.rms_ns),
         begins_s,
         alignment,
+        replaced: replaced(&recording, &options.map),
+        doubts,
         has_tcp: frames.is_some(),
         imu_offsets_ms,
         not_read: (!not_read.is_empty()).then(|| not_read.join("; ")),
     };
-    write(
-        source,
-        out,
-        &recording,
-        frames.as_ref(),
-        &report,
-        options.overwrite,
-    )?;
+    write(source, &recording, frames.as_ref(), &report, options)?;
     Ok(report)
+}
+
+/// Poses that the source has, which those of the trajectory replace.
+fn replaced(recording: &Recording, map: &TopicMap) -> BTreeMap<String, u64> {
+    let is_pose =
+        |name: &str| matches!(map.resolve(name), Some(topic::ARIA_POSE | topic::TCP_POSE));
+    let topics = recording.health.topics.iter();
+    topics
+        .filter(|(name, health)| is_pose(name) && health.messages > 0)
+        .map(|(name, health)| (name.clone(), health.messages))
+        .collect()
 }
 
 fn write(
     source: &Path,
-    out: &Path,
     recording: &Recording,
     frames: Option<&Frames>,
     report: &AriaReport,
-    overwrite: bool,
+    options: &AriaOptions,
 ) -> Result<(), ImportError> {
     let mut rewrite = Rewrite::new();
     add_poses(&mut rewrite, topic::ARIA_POSE, &recording.pose.samples);
     rewrite.leave_out(topic::TCP_POSE);
+    for name in report.replaced.keys() {
+        rewrite.leave_out(name);
+    }
     if let Some(frames) = frames {
         let device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
         let tcp: Vec<_> = recording
@@ -214,16 +238,21 @@ fn write(
             })
             .collect();
         add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
+    }
+    // What the recording says itself stays as it is.
+    if let Some(frames) = &options.frames {
         let at = recording.wrench[0].at;
-        let stamps = MessageStamps {
-            log_time: at,
-            publish_time: at,
-        };
-        let message = static_transforms(frames, at);
-        rewrite.add(topic::TF_STATIC, Qos::LATCHED, [(stamps, message)]);
+        let device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
+        let tcp_from_sensor = pose7(&frames.tcp_from_ft_sensor, source)?;
+        for (base, frame, pose) in [
+            (AriaDevice::NAME, Tcp::NAME, device_from_tcp),
+            (Tcp::NAME, FtSensor::NAME, tcp_from_sensor),
+        ] {
+            rewrite.set_frame(base, frame, pose, &options.map, at);
+        }
     }
     rewrite.metadata(metadata::IMPORT, import_entries("aria", report));
-    rewrite.write(Some(source), out, overwrite)?;
+    rewrite.write(Some(source), &report.path, options.overwrite)?;
     Ok(())
 }
 
@@ -321,7 +350,7 @@ impl fmt::Display for AriaReport {
         };
         writeln!(
             f,
-            "{}: {} {kind} poses of {} rows (left out: {} not later than the one before, {} no rotation, {} of low quality); \
+            "{}: {} {kind} poses of {} rows (left out: {} not later than the one before, {} no rotation or an empty field, {} of low quality); \
              least quality {:.2}",
             self.path.display(),
             self.poses,
@@ -331,6 +360,13 @@ impl fmt::Display for AriaReport {
             counts.low_quality,
             counts.least_quality
         )?;
+        if counts.no_stamp > 0 {
+            writeln!(
+                f,
+                "{} rows without a usable stamp left out",
+                counts.no_stamp
+            )?;
+        }
         if counts.other_world > 0 {
             writeln!(
                 f,
@@ -370,6 +406,15 @@ impl fmt::Display for AriaReport {
                 f,
                 "not aligned: the times are those of utc or --starts-at, which may be seconds off"
             )?,
+        }
+        for (name, messages) in &self.replaced {
+            writeln!(
+                f,
+                "the recording's own {name} ({messages} poses) is not in the new one: these poses take its place"
+            )?;
+        }
+        for doubt in &self.doubts {
+            writeln!(f, "doubtful: {doubt}")?;
         }
         if !self.has_tcp {
             writeln!(

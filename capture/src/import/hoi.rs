@@ -7,7 +7,7 @@
 //! .../aria_gripper/<name>_gripper_vrs/calib/calib.json
 //! ```
 //!
-//! Any folder may be a zip. The stamps of both devices are already on one clock up to some ms; the tool's own wrench in the
+//! Any folder may be a zip, also `gripper/`, the location's, or all. The stamps of both devices are already on one clock up to some ms; the tool's own wrench in the
 //! free air before the grasp takes these away when it can, and weighs the tool. What is not there is named.
 //!
 //! # Source
@@ -36,8 +36,9 @@ use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
 use weigh::{free_air, quiet_bias};
 
+use super::archive::Tree;
 use super::aria::{add_poses, import_entries};
-use super::{ImportError, io};
+use super::{ImportError, io, plausible};
 use crate::calibrate::{Alignment, Calibrated};
 use crate::config::Frames;
 use crate::encode::static_transforms;
@@ -56,55 +57,139 @@ const GRAVITY: f64 = 9.80665;
 pub struct HoiPart {
     /// `<location>_<range>`.
     pub name: String,
-    /// The folder with `gripper/` and `aria_gripper/`.
+    /// The folder with `gripper/` and `aria_gripper/`; where an archive `a.zip` leads to it, it is named as a folder `a`.
     pub base: PathBuf,
 }
 
-/// The recordings below a folder: their bags' folders or archives.
+/// The recordings below a folder.
+#[derive(Debug, Default)]
+pub struct HoiParts {
+    /// By name and folder.
+    pub parts: Vec<HoiPart>,
+    /// Archives that could not be looked into.
+    pub unreadable: Vec<ImportError>,
+}
+
+impl HoiParts {
+    /// Where each part's recording goes below the folder of all: `<name>.mcap`, and for parts of one name in several folders of the
+    /// dataset below these folders' names.
+    #[must_use]
+    pub fn outputs(&self) -> Vec<PathBuf> {
+        let above = self.parts.first().map_or(Path::new(""), |first| {
+            let holds_all =
+                |folder: &&Path| self.parts.iter().all(|part| part.base.starts_with(folder));
+            first
+                .base
+                .ancestors()
+                .find(holds_all)
+                .unwrap_or(Path::new(""))
+        });
+        let output = |part: &HoiPart| {
+            let file = format!("{}.mcap", part.name);
+            let alike = self.parts.iter().filter(|other| other.name == part.name);
+            if alike.count() < 2 {
+                return PathBuf::from(file);
+            }
+            part.base
+                .strip_prefix(above)
+                .unwrap_or(Path::new(""))
+                .join(file)
+        };
+        self.parts.iter().map(output).collect()
+    }
+}
+
+/// The recordings below a folder: their bags' folders or archives, also within archives.
 ///
 /// # Errors
 /// A folder cannot be listed, or there is none.
-pub fn parts(folder: &Path) -> Result<Vec<HoiPart>, ImportError> {
+pub fn parts(folder: &Path) -> Result<HoiParts, ImportError> {
     // `.` has no parent by name.
     let folder = &folder.canonicalize().map_err(io("find", folder))?;
-    let mut found = BTreeSet::new();
-    if let (Some(name), Some(parent)) = (bag_name(folder), folder.parent()) {
-        found.extend(parent.parent().map(|base| HoiPart {
-            name,
-            base: base.to_owned(),
-        }));
-    }
-    search(folder, DEPTH, &mut found)?;
+    let mut search = Search::default();
+    search.visit(folder, DEPTH)?;
+    let Search {
+        found, unreadable, ..
+    } = search;
     if found.is_empty() {
+        let unreadable: Vec<_> = unreadable.iter().map(|e| format!(" ({e})")).collect();
         return Err(ImportError::Missing {
             path: folder.to_owned(),
-            missing: format!("no folder or zip *{BAG}"),
+            missing: format!("no folder or zip *{BAG}{}", unreadable.concat()),
             hint: "give <base>/extracted/<location>/gripper, or a folder above it; the raw layout (.bag, MPS folders) is read in \
                    steps: see `ft-capture import-bag --help`",
         });
     }
-    Ok(found.into_iter().collect())
+    Ok(HoiParts {
+        parts: found.into_iter().collect(),
+        unreadable,
+    })
 }
 
-fn search(folder: &Path, depth: usize, found: &mut BTreeSet<HoiPart>) -> Result<(), ImportError> {
-    for entry in std::fs::read_dir(folder).map_err(io("list", folder))? {
-        let path = entry.map_err(io("list", folder))?.path();
-        if let (Some(name), Some(base)) = (bag_name(&path), folder.parent()) {
-            found.insert(HoiPart {
-                name,
+#[derive(Default)]
+struct Search {
+    tree: Tree,
+    found: BTreeSet<HoiPart>,
+    unreadable: Vec<ImportError>,
+}
+
+impl Search {
+    fn visit(&mut self, path: &Path, depth: usize) -> Result<(), ImportError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if bag_name(&name).is_some() {
+            self.add(path);
+        } else if name.trim_end_matches(".zip").ends_with(VRS) {
+            // Nothing but a trajectory is in it.
+        } else if path.is_dir() {
+            if depth == 0 {
+                return Ok(());
+            }
+            for entry in std::fs::read_dir(path).map_err(io("list", path))? {
+                self.visit(&entry.map_err(io("list", path))?.path(), depth - 1)?;
+            }
+        } else if name.ends_with(".zip")
+            && let Err(error) = self.look_into(path)
+        {
+            self.unreadable.push(error);
+        }
+        Ok(())
+    }
+
+    /// Bags within an archive, by the names of its files.
+    fn look_into(&mut self, zip: &Path) -> Result<(), ImportError> {
+        let is_wanted = |name: &str| name.split('/').any(|part| bag_name(part).is_some());
+        let names = self.tree.names(zip, "gripper", &is_wanted)?;
+        let root = zip.with_extension("");
+        for name in names.iter().filter(|name| is_wanted(name)) {
+            let mut path = root.join(name);
+            // Down to the bag itself.
+            while path
+                .file_name()
+                .is_some_and(|last| bag_name(&last.to_string_lossy()).is_none())
+            {
+                path.pop();
+            }
+            self.add(&path);
+        }
+        Ok(())
+    }
+
+    /// Takes in the bag at `path`.
+    fn add(&mut self, path: &Path) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let base = path.parent().and_then(Path::parent);
+        if let (Some(name), Some(base)) = (bag_name(&name), base) {
+            self.found.insert(HoiPart {
+                name: name.to_owned(),
                 base: base.to_owned(),
             });
-        } else if depth > 0 && path.is_dir() {
-            search(&path, depth - 1, found)?;
         }
     }
-    Ok(())
 }
 
-fn bag_name(path: &Path) -> Option<String> {
-    let name = path.file_name()?.to_string_lossy().into_owned();
-    let name = name.strip_suffix(".zip").unwrap_or(&name);
-    name.strip_suffix(BAG).map(str::to_owned)
+/// The recording's name, of its bag's.
+fn bag_name(name: &str) -> Option<&str> {
+    name.strip_suffix(".zip").unwrap_or(name).strip_suffix(BAG)
 }
 
 /// Writes `out` from one recording of the dataset.
@@ -114,6 +199,7 @@ fn bag_name(path: &Path) -> Option<String> {
 pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiReport, ImportError> {
     let mut import = Import {
         part,
+        tree: Tree::default(),
         sources: Vec::new(),
         missing: Vec::new(),
         left_out: 0,
@@ -170,7 +256,14 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             "no check by the sensor's own gyroscope: it and the poses do not show the same turns";
         import.missing.push(text.to_owned());
     }
+    let mut doubts = plausible::of_wrench(&recording.wrench);
+    doubts.extend(plausible::of_poses(&recording.pose.samples));
+    doubts.extend(plausible::of_mounts([
+        ("glasses and tool", &recording.aria_device_from_tcp),
+        ("tool and sensor", &recording.tcp_from_ft_sensor),
+    ]));
     let report = HoiReport {
+        doubts,
         gyro_check,
         name: part.name.clone(),
         path: out.to_owned(),

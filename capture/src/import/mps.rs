@@ -59,6 +59,8 @@ pub struct Trajectory {
 pub struct TrajectoryCounts {
     /// Rows of the file.
     pub rows: u64,
+    /// Rows whose stamp is empty, before 0 or after the year 2096: left out.
+    pub no_stamp: u64,
     /// Rows that are not later than the one before: left out.
     pub not_later: u64,
     /// Rows whose quaternion is no rotation or whose numbers are not finite: left out.
@@ -92,14 +94,16 @@ impl SourceFile {
     /// # Errors
     /// It cannot be read.
     pub fn of(path: &Path) -> Result<Self, ImportError> {
-        Ok(Self {
-            name: path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned(),
-            sha256: sha256(path)?,
-        })
+        Ok(Self::named(path, sha256(path)?))
+    }
+
+    /// The file at `path`, whose hash is known.
+    pub(super) fn named(path: &Path, sha256: String) -> Self {
+        let name = path.file_name().unwrap_or_default();
+        Self {
+            name: name.to_string_lossy().into_owned(),
+            sha256,
+        }
     }
 }
 
@@ -154,10 +158,13 @@ impl Trajectory {
         let world = world.and_then(|column| most_frequent(table, column).map(|uid| (column, uid)));
         let mut up = Upright::default();
         for row in 0..table.len() {
-            let device_ns = table.integer(row, time)?.saturating_mul(scale);
-            let quality = quality.map_or(Ok(1.0), |column| table.number::<f64>(row, column))?;
+            let Some(device_ns) = table.instant(row, time, scale)? else {
+                out.counts.no_stamp += 1;
+                continue;
+            };
+            let quality = quality.map_or(Ok(1.0), |column| table.float(row, column))?;
             // Empty, -1 and anything else that is no instant mean that it is not known.
-            let utc_ns = utc.and_then(|column| table.integer(row, column).ok());
+            let utc_ns = utc.and_then(|column| table.instant(row, column, 1).ok()?);
             let utc_ns = utc_ns.filter(|utc| *utc > 0);
             out.counts.without_utc += u64::from(utc_ns.is_none());
             let pose = Pose7::normalised(table.numbers(row, position)?, table.numbers(row, turn)?);
@@ -215,10 +222,11 @@ impl Trajectory {
         if self.poses.len() < 2 {
             return Err(ImportError::Content {
                 reason: format!(
-                    "{} of {} rows are usable poses, need at least 2 (quality too low {}, no rotation {}, not later {}); \
+                    "{} of {} rows are usable poses, need at least 2 (no stamp {}, quality too low {}, no rotation {}, not later {}); \
                      lower --min-quality or look at the file",
                     self.poses.len(),
                     self.counts.rows,
+                    self.counts.no_stamp,
                     self.counts.low_quality,
                     self.counts.no_pose,
                     self.counts.not_later
@@ -316,8 +324,10 @@ struct Turn {
 
 impl Upright {
     fn add(&mut self, gravity: [f64; 3]) {
-        for (sum, value) in self.sum.iter_mut().zip(gravity) {
-            *sum += value;
+        if gravity.iter().all(|value| value.is_finite()) {
+            for (sum, value) in self.sum.iter_mut().zip(gravity) {
+                *sum += value;
+            }
         }
     }
 
@@ -382,6 +392,26 @@ mod tests {
             ),
             (1, 1, 1, 2)
         );
+    }
+
+    #[test]
+    fn rows_with_empty_fields_are_left_out_one_by_one() {
+        let row = |t: &str, w: &str, g: &str| format!("1,{t},-1,{w},0,0,0,0,2,0,0,{g},0\n");
+        let text = format!(
+            "{HEADER}{}{}{}{}{}{}",
+            row("1", "1", "-9.81"),
+            row("", "1", "-9.81"),
+            row("nan", "1", "-9.81"),
+            row("3", "", "-9.81"),
+            row("4", "1", ""),
+            row("9e18", "1", "-9.81"),
+        );
+        let trajectory = read(&text, 0.0).unwrap();
+        assert_eq!(trajectory.poses.len(), 2);
+        let counts = trajectory.counts;
+        assert_eq!((counts.no_stamp, counts.no_pose, counts.rows), (3, 1, 6));
+        // An empty gravity does not hide what the other rows say of it.
+        assert!((counts.turned_deg - 90.0).abs() < 1e-9);
     }
 
     #[test]

@@ -14,6 +14,9 @@ pub struct Table {
     rows: Vec<csv::StringRecord>,
 }
 
+/// Instants after this are taken for damage, ns: the year 2096. What is computed with stamps up to here does not overflow.
+pub(super) const LAST_INSTANT: i64 = 4_000_000_000_000_000_000;
+
 /// A column of a [`Table`].
 #[derive(Clone, Copy, Debug)]
 pub struct Column(usize);
@@ -131,6 +134,17 @@ impl Table {
         field.unwrap_or_default()
     }
 
+    /// A number; NaN where the field is empty or says that there is none (`null`, `none`, `n/a`, `-`).
+    ///
+    /// # Errors
+    /// The field is another text.
+    pub fn float(&self, row: usize, column: Column) -> Result<f64, ImportError> {
+        if is_nothing(self.text(row, column)) {
+            return Ok(f64::NAN);
+        }
+        self.number(row, column)
+    }
+
     /// A number.
     ///
     /// # Errors
@@ -150,32 +164,44 @@ impl Table {
         })
     }
 
-    /// A whole number, also one that is written with a point or an exponent (exact up to 2^53).
+    /// A whole number, also one that is written with a point or an exponent (exact up to 2^53); `None` where the field is empty, says
+    /// that there is none, or is not finite.
     ///
     /// # Errors
-    /// The field is no number.
-    pub fn integer(&self, row: usize, column: Column) -> Result<i64, ImportError> {
-        match self.number::<i64>(row, column) {
-            Ok(number) => Ok(number),
-            Err(error) => {
-                let number = self.number::<f64>(row, column).ok();
-                let Some(number) = number.filter(|number| number.is_finite()) else {
-                    return Err(error);
-                };
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    reason = "a float to integer `as` saturates"
-                )]
-                let number = number.round() as i64;
-                Ok(number)
-            }
-        }
+    /// The field is another text.
+    pub fn integer(&self, row: usize, column: Column) -> Result<Option<i64>, ImportError> {
+        let error = match self.number::<i64>(row, column) {
+            Ok(number) => return Ok(Some(number)),
+            Err(error) => error,
+        };
+        let number = self.float(row, column).map_err(|_| error)?;
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "a float to integer `as` saturates"
+        )]
+        let whole = number.round() as i64;
+        Ok(number.is_finite().then_some(whole))
     }
 
-    /// Numbers of several columns.
+    /// An instant in a column whose unit is `unit_ns`; `None` where there is none, or one before 0 or after the year 2096.
     ///
     /// # Errors
-    /// A field is none.
+    /// As [`Table::integer`].
+    pub fn instant(
+        &self,
+        row: usize,
+        column: Column,
+        unit_ns: i64,
+    ) -> Result<Option<i64>, ImportError> {
+        let number = self.integer(row, column)?;
+        let nanos = number.and_then(|number| number.checked_mul(unit_ns));
+        Ok(nanos.filter(|nanos| (0..=LAST_INSTANT).contains(nanos)))
+    }
+
+    /// Numbers of several columns, as [`Table::float`].
+    ///
+    /// # Errors
+    /// A field is another text.
     pub fn numbers<const N: usize>(
         &self,
         row: usize,
@@ -183,10 +209,16 @@ impl Table {
     ) -> Result<[f64; N], ImportError> {
         let mut found = [0.0; N];
         for (number, column) in found.iter_mut().zip(columns) {
-            *number = self.number(row, column)?;
+            *number = self.float(row, column)?;
         }
         Ok(found)
     }
+}
+
+/// Whether a field says that there is no number.
+fn is_nothing(text: &str) -> bool {
+    let words = ["", "null", "none", "n/a", "na", "-", "--"];
+    words.iter().any(|word| text.eq_ignore_ascii_case(word))
 }
 
 #[cfg(test)]
@@ -226,8 +258,9 @@ mod tests {
     fn instants_are_read_as_integers_however_they_are_written() {
         let table = table("a\n1716200000000000001\n1.7162e18\nx\n").unwrap();
         let column = table.column("a").unwrap();
-        assert_eq!(table.integer(0, column).unwrap(), 1_716_200_000_000_000_001);
-        assert_eq!(table.integer(1, column).unwrap(), 1_716_200_000_000_000_000);
+        let read = |row| table.integer(row, column).unwrap().unwrap();
+        assert_eq!(read(0), 1_716_200_000_000_000_001);
+        assert_eq!(read(1), 1_716_200_000_000_000_000);
         assert!(
             table
                 .integer(2, column)
@@ -235,6 +268,33 @@ mod tests {
                 .to_string()
                 .contains("expected i64")
         );
+    }
+
+    #[test]
+    fn fields_without_a_number_are_none_and_not_zero() {
+        let table = table("a,b\n,1\nnan,1\nNaN,1\ninf,1\nnull,1\nN/A,1\n-,1\n").unwrap();
+        let a = table.column("a").unwrap();
+        for row in 0..table.len() {
+            assert_eq!(table.integer(row, a).unwrap(), None, "{row}");
+            assert_eq!(table.instant(row, a, 1).unwrap(), None, "{row}");
+            assert!(!table.float(row, a).unwrap().is_finite(), "{row}");
+        }
+    }
+
+    #[test]
+    fn instants_that_cannot_be_are_none() {
+        let text = "a\n-1\n9e18\n9223372036854775807\n-9223372036854775808\n-9e18\n1e300\n5\n";
+        let table = table(text).unwrap();
+        let a = table.column("a").unwrap();
+        for unit_ns in [1, 1_000] {
+            let read: Vec<_> = (0..7)
+                .map(|row| table.instant(row, a, unit_ns).unwrap())
+                .collect();
+            assert_eq!(
+                read,
+                [None, None, None, None, None, None, Some(5 * unit_ns)]
+            );
+        }
     }
 
     #[test]

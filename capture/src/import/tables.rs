@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::ImportError;
 use super::aria::{add_poses, import_entries};
 use super::mps::SourceFile;
-use super::table::{Column, Table};
+use super::table::{Column, LAST_INSTANT, Table};
 
 /// Rows at a rate begin here, because nothing says when they were: 2020-01-01 00:00:00 UTC.
 const UNKNOWN_BEGIN: HostTime = HostTime::from_nanos(1_577_836_800_000_000_000);
@@ -68,8 +68,10 @@ pub struct TablesReport {
     pub sources: Vec<SourceFile>,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
-    /// Poses whose quaternion is none, left out.
-    pub no_rotation: u64,
+    /// Rows of wrench and poses that are left out: a field is empty or not finite, or the quaternion is none.
+    pub left_out: [u64; 2],
+    /// What looks like other units.
+    pub doubts: Vec<String>,
     /// Whether the times are made up from a rate.
     pub times_made_up: bool,
 }
@@ -88,25 +90,44 @@ pub fn import_tables(
     let sign = if options.negate_wrench { -1.0 } else { 1.0 };
     let columns = named(&wrenches, options.wrench_columns.as_ref(), &WRENCH_NAMES)?;
     let times = times(&wrenches, &options.time)?;
-    let mut messages = Vec::with_capacity(wrenches.len());
+    let mut samples = Vec::with_capacity(wrenches.len());
     for (row, at) in times.into_iter().enumerate() {
-        let values = wrenches.numbers(row, columns)?.map(|value| sign * value);
-        let stamps = MessageStamps {
-            log_time: at,
-            publish_time: at,
-        };
-        let header = Header::new(at, FtSensor::NAME);
-        let wrench = values.into();
-        messages.push((stamps, WrenchStamped { header, wrench }));
+        let value = wrenches.numbers(row, columns)?.map(|value| sign * value);
+        let is_finite = value.iter().all(|value| value.is_finite());
+        samples.extend(at.filter(|_| is_finite).map(|at| Stamped { at, value }));
     }
-    let (track, no_rotation) = track(&poses, options)?;
+    let track = track(&poses, options)?;
+    for (path, count) in [(wrench, samples.len()), (pose, track.len())] {
+        if count == 0 {
+            return Err(ImportError::Content {
+                path: path.to_owned(),
+                reason: "no row of it can be used: every one has an empty field or one that is not finite".to_owned(),
+            });
+        }
+    }
+    let left_out = |table: &Table, used: usize| table.len().saturating_sub(used) as u64;
+    let mut doubts = super::plausible::of_wrench(&samples);
+    doubts.extend(super::plausible::of_poses(&track));
     let report = TablesReport {
         path: out.to_owned(),
         sources: vec![SourceFile::of(wrench)?, SourceFile::of(pose)?],
-        samples: [messages.len() as u64, track.len() as u64],
-        no_rotation,
+        samples: [samples.len() as u64, track.len() as u64],
+        left_out: [
+            left_out(&wrenches, samples.len()),
+            left_out(&poses, track.len()),
+        ],
+        doubts,
         times_made_up: matches!(options.time, RowTime::Rate(_)),
     };
+    let messages = samples.into_iter().map(|sample| {
+        let stamps = MessageStamps {
+            log_time: sample.at,
+            publish_time: sample.at,
+        };
+        let header = Header::new(sample.at, FtSensor::NAME);
+        let wrench = sample.value.into();
+        (stamps, WrenchStamped { header, wrench })
+    });
     let mut rewrite = Rewrite::new();
     rewrite.add(topic::WRENCH, Qos::SENSOR, messages);
     add_poses(&mut rewrite, topic::TCP_POSE, &track);
@@ -115,18 +136,16 @@ pub fn import_tables(
     Ok(report)
 }
 
-/// Poses by time, and how many rows were left out.
-fn track(poses: &Table, options: &TableOptions) -> Result<(Vec<Stamped<Pose7>>, u64), ImportError> {
+/// Poses by time, as far as they are usable.
+fn track(poses: &Table, options: &TableOptions) -> Result<Vec<Stamped<Pose7>>, ImportError> {
     let columns = named(poses, options.pose_columns.as_ref(), &POSE_NAMES)?;
-    let (mut track, mut no_rotation) = (Vec::with_capacity(poses.len()), 0);
+    let mut track = Vec::with_capacity(poses.len());
     for (row, at) in times(poses, &options.time)?.into_iter().enumerate() {
         let [x, y, z, rotation @ ..] = poses.numbers(row, columns)?;
-        match Pose7::normalised([x, y, z], rotation) {
-            Some(value) => track.push(Stamped { at, value }),
-            None => no_rotation += 1,
-        }
+        let pose = at.zip(Pose7::normalised([x, y, z], rotation));
+        track.extend(pose.map(|(at, value)| Stamped { at, value }));
     }
-    Ok((track, no_rotation))
+    Ok(track)
 }
 
 fn named<const N: usize>(
@@ -143,10 +162,11 @@ fn named<const N: usize>(
     table.columns(*fitting.unwrap_or(&known[0]))
 }
 
-fn times(table: &Table, time: &RowTime) -> Result<Vec<HostTime>, ImportError> {
+/// When each row was true; `None` where its field says nothing.
+fn times(table: &Table, time: &RowTime) -> Result<Vec<Option<HostTime>>, ImportError> {
     match time {
         RowTime::Rate(hz) => Ok((0..table.len())
-            .map(|row| super::shifted(UNKNOWN_BEGIN, row as f64 / hz))
+            .map(|row| Some(super::shifted(UNKNOWN_BEGIN, row as f64 / hz)))
             .collect()),
         RowTime::Column(name, unit_ns) => {
             let column = table.column(name)?;
@@ -156,17 +176,20 @@ fn times(table: &Table, time: &RowTime) -> Result<Vec<HostTime>, ImportError> {
                     let nanos = match table.number::<i64>(row, column) {
                         Ok(whole) => whole.checked_mul(*unit_ns),
                         Err(_) => {
-                            let seconds = table.number::<f64>(row, column)? * *unit_ns as f64 * 1e-9;
-                            Some(super::nanos(seconds))
+                            let number = table.float(row, column)?;
+                            if number.is_nan() {
+                                return Ok(None);
+                            }
+                            Some(super::nanos(number * *unit_ns as f64 * 1e-9))
                         }
                     };
                     nanos
-                        .filter(|nanos| *nanos >= 0 && *nanos < i64::MAX)
-                        .map(HostTime::from_nanos)
+                        .filter(|nanos| (0..=LAST_INSTANT).contains(nanos))
+                        .map(|nanos| Some(HostTime::from_nanos(nanos)))
                         .ok_or_else(|| ImportError::Content {
                             path: table.path().to_owned(),
                             reason: format!(
-                                "row {} of {name} is no instant from 1970 on; --time-unit says what its numbers are",
+                                "row {} of {name} is no instant from 1970 to 2096; --time-unit says what its numbers are",
                                 row + 1
                             ),
                         })
@@ -185,15 +208,19 @@ impl fmt::Display for TablesReport {
             self.samples[0],
             self.samples[1]
         )?;
-        if self.no_rotation > 0 {
-            write!(
-                f,
-                ", {} poses without a rotation left out",
-                self.no_rotation
-            )?;
+        for (count, what) in self.left_out.into_iter().zip(["wrenches", "poses"]) {
+            if count > 0 {
+                write!(
+                    f,
+                    ", {count} {what} left out (a field is empty or not finite, or the quaternion is none)"
+                )?;
+            }
         }
         if self.times_made_up {
             write!(f, ", times made up from the rate (begin 2020-01-01)")?;
+        }
+        for doubt in &self.doubts {
+            write!(f, "\n  doubtful: {doubt}")?;
         }
         Ok(())
     }

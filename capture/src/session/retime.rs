@@ -18,6 +18,7 @@ use serde::Serialize;
 
 use super::SessionError;
 use super::replay::{Source, play};
+use crate::config::Driver;
 use crate::item::{Body, Item};
 
 /// What was moved.
@@ -53,16 +54,7 @@ pub fn retime(file: &Path, out: &Path, overwrite: bool) -> Result<Retimed, Sessi
         .devices
         .iter()
         .map(|device| {
-            let config = OneWayConfig {
-                link_delay: Duration::from_secs_f64(device.latency_us * 1e-6),
-                ..OneWayConfig::default()
-            };
-            let counted = device.driver.samples_evenly();
-            let config = if counted {
-                Counted::bounds(config)
-            } else {
-                config
-            };
+            let config = clock_of(device.driver, device.latency_us);
             (device.driver.topic(), config)
         })
         .collect();
@@ -113,6 +105,19 @@ pub fn retime(file: &Path, out: &Path, overwrite: bool) -> Result<Retimed, Sessi
         path: out.to_owned(),
         topics,
     })
+}
+
+/// Bounds of a device's clock. One that is made of the number of samples has a period that was learned, not a crystal's.
+fn clock_of(driver: Driver, latency_us: f64) -> OneWayConfig {
+    let config = OneWayConfig {
+        link_delay: Duration::from_secs_f64(latency_us * 1e-6),
+        ..OneWayConfig::default()
+    };
+    if driver.samples_evenly() {
+        Counted::bounds(config)
+    } else {
+        config
+    }
 }
 
 /// A sample of a device with a clock.
@@ -210,5 +215,47 @@ impl fmt::Display for Retimed {
             )?;
         }
         write!(f, "written to {}", self.path.display())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Root mean square error of the smoothed stamps, us: 30 s at 1 kHz whose device clock, or learned period, is 0.15 % off, in
+    /// bursts of 16 ms.
+    fn error_us(driver: Driver) -> f64 {
+        let truth = |k: i64| 1_700_000_000_000_000_000 + k * 1_000_000;
+        let seen: Vec<_> = (0..30_000)
+            .map(|k| {
+                let arrival = HostTime::from_nanos((truth(k) / 16_000_000 + 1) * 16_000_000);
+                Seen {
+                    device_ns: k * 1_001_500,
+                    arrival,
+                    causal: arrival,
+                }
+            })
+            .collect();
+        let moves = Moves::of(&seen, &clock_of(driver, 0.0));
+        let error = |(k, (_, causal, moved)): (usize, &(HostTime, HostTime, i64))| {
+            1e-3 * (causal.as_nanos() + moved - truth(k as i64)) as f64
+        };
+        let power = moves
+            .samples
+            .iter()
+            .enumerate()
+            .map(error)
+            .map(|e| e * e)
+            .sum::<f64>();
+        (power / moves.samples.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_learned_period_may_be_farther_off_than_a_crystal() {
+        let (counted, crystal) = (error_us(Driver::RobotousUart), error_us(Driver::BotaSerial));
+        println!("counted {counted:.0} us, held to a crystal's bounds {crystal:.0} us");
+        // Up to a sample period stays hidden behind bursts that are in step.
+        assert!(counted < 1_000.0, "{counted}");
+        assert!(crystal > 2_000.0, "{crystal}");
     }
 }

@@ -7,7 +7,10 @@
 //! later than before. By how much is rounded to whole periods and put on the count. A count that was put too far shows at the first
 //! prompt sample, which would come too early; for half a minute after a loss nothing is learned, so that the line stays true meanwhile.
 //!
-//! It cannot see a loss in its first ten seconds, and of a loss while the promptest samples come nearly in time although they may come up
+//! Samples that are lost while the period is learned make it wrong. By more than a skew can be: then the skew stands at its bound, the
+//! stamps are arrivals, and after five seconds the period is mended by what the hull shows ([`Counted::mended`] tells how often).
+//!
+//! It cannot see a single loss in its first ten seconds otherwise, and of a loss while the promptest samples come nearly in time although they may come up
 //! to a period late (bursts) only what their phase shows later. Uneven sampling is taken for jitter of the link.
 
 use core::time::Duration;
@@ -15,7 +18,7 @@ use core::time::Duration;
 use ft_wire::HostTime;
 
 use super::hull::{Hull, Line};
-use super::{OneWay, OneWayConfig, Translated};
+use super::{OneWay, OneWayConfig, TRUSTED_AFTER_S, Translated};
 
 /// The period is learned from so much time and so many samples.
 const LEARN_NS: i64 = 2_000_000_000;
@@ -55,6 +58,8 @@ pub struct Counted {
     /// Until when the line is held after a loss.
     held_until: Option<HostTime>,
     newest: HostTime,
+    /// Times that the period had to be mended.
+    mended: u32,
 }
 
 /// The promptest sample since a window began.
@@ -101,7 +106,15 @@ impl Counted {
             before: None,
             held_until: None,
             newest: HostTime::EPOCH,
+            mended: 0,
         }
+    }
+
+    /// How often the period turned out to be wrong, because samples were lost while it was learned: until then, for five seconds or more,
+    /// stamps were about arrivals.
+    #[must_use]
+    pub const fn mended(&self) -> u32 {
+        self.mended
     }
 
     /// Forgets the stream, after a restart of the device or a pause.
@@ -136,6 +149,7 @@ impl Counted {
         };
         let at = translated.at.max(self.newest).min(arrival);
         self.newest = at;
+        self.mend(device_ns, period_ns);
         Some(CountedInstant {
             device_ns,
             translated: Translated { at, ..translated },
@@ -155,6 +169,27 @@ impl Counted {
             self.learning.clear();
             self.samples = 0;
         }
+    }
+
+    /// A skew at its bound is none: the period is wrong.
+    fn mend(&mut self, device_ns: i64, period_ns: f64) {
+        let slope = self.clock.active.middle_slope();
+        let bound = 1e-6 * self.clock.config.max_skew_ppm;
+        if self.held_until.is_some()
+            || self.clock.active.span_s() < TRUSTED_AFTER_S
+            || slope.abs() < bound
+            || slope <= -1.0
+        {
+            return;
+        }
+        let line = self.clock.active.support(slope);
+        let at = HostTime::from_nanos(line.at(device_ns));
+        self.period_ns = Some(period_ns * (1.0 + slope));
+        self.clock.reset();
+        self.clock.observe(device_ns, at);
+        (self.window, self.before) = (None, None);
+        (self.usual, self.most) = (1.0, (0.0, 0));
+        self.mended = self.mended.saturating_add(1);
     }
 
     /// By the line as it stands, while it is held.

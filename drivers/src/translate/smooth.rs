@@ -4,6 +4,8 @@
 //! an instant gets the lines of the two knots around it, blended. A clock that bends (a crystal that warms up) is so followed
 //! from both sides, and the first seconds are as good as the others.
 
+use std::time::Duration;
+
 use ft_wire::HostTime;
 
 use super::hull::{Hull, Line};
@@ -11,8 +13,10 @@ use super::{OneWay, OneWayConfig, TRUSTED_AFTER_S, nanos};
 
 /// Knots within a window.
 const KNOTS: i64 = 6;
-/// A clock that was set back shows only after a while: the place is looked for so many samples back.
-const LOOK_BACK: usize = 4_000;
+/// A clock that was set back shows only after a while: the place is looked for so long before, beyond the time that it takes.
+const LOOK_BACK: Duration = Duration::from_secs(1);
+/// ... and at least so many samples.
+const LOOK_BACK_SAMPLES: usize = 64;
 
 /// Translates (instant on the unwrapped device clock, ns; arrival) of one device, in the order of arrival. No answer is later than
 /// its arrival, and within a piece the answers do not go back when the device's instants do not.
@@ -38,10 +42,13 @@ fn pieces(observations: &[(i64, HostTime)], config: &OneWayConfig) -> Vec<core::
         causal.observe(*device_ns, *arrival);
         let now = causal.status().map_or(0, |status| status.observations);
         if now < seen {
+            let since = *arrival - config.set_back_after - LOOK_BACK;
+            let earlier = observations.get(..i).unwrap_or_default();
+            let near = earlier.iter().rev().take_while(|(_, at)| *at >= since);
             let from = i
-                .saturating_sub(LOOK_BACK)
+                .saturating_sub(near.count().max(LOOK_BACK_SAMPLES))
                 .max(cuts.last().copied().unwrap_or(0));
-            cuts.push(largest_step(observations, from, i));
+            cuts.push(step_between(observations, from, i));
         }
         seen = now;
     }
@@ -53,17 +60,30 @@ fn pieces(observations: &[(i64, HostTime)], config: &OneWayConfig) -> Vec<core::
         .collect()
 }
 
-/// Where between `from` and `to` the device clock jumped most against the arrivals.
-fn largest_step(observations: &[(i64, HostTime)], from: usize, to: usize) -> usize {
-    let offset = |i: usize| {
-        let (device_ns, arrival) = observations.get(i)?;
-        Some(arrival.as_nanos().saturating_sub(*device_ns))
+/// Where between `from` and `to` the device clock was set back: from there on all come late, against the promptest before. A link that
+/// stalls is late, too, but not until `to`; a clock that went ahead shows at once, at `to`.
+fn step_between(observations: &[(i64, HostTime)], from: usize, to: usize) -> usize {
+    let offset =
+        |(device_ns, arrival): &(i64, HostTime)| arrival.as_nanos().saturating_sub(*device_ns);
+    let stretch = observations.get(from..=to).unwrap_or_default();
+    let offsets: Vec<i64> = stretch.iter().map(offset).collect();
+    let least = |least: &mut i64, offset: &i64| {
+        *least = offset.min(least).to_owned();
+        Some(*least)
     };
-    let step = |i: &usize| {
-        let (now, before) = (offset(*i)?, offset(i - 1)?);
-        Some(now.saturating_sub(before).unsigned_abs())
-    };
-    (from + 1..=to).max_by_key(step).unwrap_or(to)
+    let promptest: Vec<i64> = offsets.iter().scan(i64::MAX, least).collect();
+    let (mut after, mut whole, mut place) = (i64::MAX, None, to);
+    let behind_first = offsets.iter().skip(1).zip(&promptest).enumerate();
+    for (i, (offset, promptest_before)) in behind_first.rev() {
+        after = after.min(*offset);
+        let late = after.saturating_sub(*promptest_before);
+        let whole = *whole.get_or_insert(late);
+        if whole <= 0 || late < whole / 2 {
+            break;
+        }
+        place = from + i + 1;
+    }
+    place
 }
 
 fn translate(piece: &[(i64, HostTime)], config: &OneWayConfig, out: &mut Vec<HostTime>) {
@@ -97,28 +117,41 @@ fn knots(growing: &[(i64, i64)], config: &OneWayConfig) -> Vec<(i64, Line)> {
     };
     let window = nanos(config.window).max(1);
     let step = (window / KNOTS).max(1);
-    let count = (last - first - window).max(0) / step;
-    (0..=count)
-        .map(|k| {
-            // The last window ends with the piece.
-            let from = if k == count {
-                (last - window).max(*first)
-            } else {
-                first + k * step
-            };
-            let to = from.saturating_add(window);
-            let begin = growing.partition_point(|(x, _)| *x < from);
-            let end = growing.partition_point(|(x, _)| *x <= to);
-            let inside = growing.get(begin..end).unwrap_or_default();
-            let mut hull = Hull::new();
-            for (x, y) in inside {
-                hull.add(*x, *y);
-            }
-            let ends = inside.first().zip(inside.last());
-            let middle = ends.map_or(from, |((a, _), (b, _))| a.midpoint(*b));
-            (middle, line(&hull, config))
-        })
-        .collect()
+    // The last window ends with the piece.
+    let end = last.saturating_sub(window).max(*first);
+    let mut knots = Vec::new();
+    let mut from = *first;
+    loop {
+        if from.saturating_add(step) > end {
+            from = end;
+        }
+        knots.push(knot(growing, from, window, config));
+        if from == end {
+            return knots;
+        }
+        // A hole is passed over: what is far off must not ask for windows without end.
+        let next = from.saturating_add(step);
+        let after = growing.partition_point(|(x, _)| *x < next);
+        let ahead = growing
+            .get(after)
+            .map_or(end, |(x, _)| x.saturating_sub(window));
+        from = next.max(ahead).min(end);
+    }
+}
+
+/// The line of the window that begins at `from`, and its middle.
+fn knot(growing: &[(i64, i64)], from: i64, window: i64, config: &OneWayConfig) -> (i64, Line) {
+    let to = from.saturating_add(window);
+    let begin = growing.partition_point(|(x, _)| *x < from);
+    let end = growing.partition_point(|(x, _)| *x <= to);
+    let inside = growing.get(begin..end).unwrap_or_default();
+    let mut hull = Hull::new();
+    for (x, y) in inside {
+        hull.add(*x, *y);
+    }
+    let ends = inside.first().zip(inside.last());
+    let middle = ends.map_or(from, |((a, _), (b, _))| a.midpoint(*b));
+    (middle, line(&hull, config))
 }
 
 fn line(hull: &Hull, config: &OneWayConfig) -> Line {
@@ -134,7 +167,7 @@ fn blended(knots: &[(i64, Line)], x: i64) -> i64 {
     match (left, knots.get(after)) {
         (Some((xa, a)), Some((xb, b))) => {
             let (ya, yb) = (a.at(x), b.at(x));
-            let share = (x - xa) as f64 / (xb - xa).max(1) as f64;
+            let share = x.saturating_sub(*xa) as f64 / xb.saturating_sub(*xa).max(1) as f64;
             #[allow(
                 clippy::cast_possible_truncation,
                 reason = "a float to integer `as` saturates"

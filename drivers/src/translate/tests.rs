@@ -292,7 +292,117 @@ fn a_skew_that_changes_is_followed_within_two_windows() {
     assert!((translator.status().unwrap().skew_ppm + 100.0).abs() < 1.0);
 }
 
+/// Samples of `period_ns` behind `bus`, of which those in `lost` (from, to) do not come: errors in us from 12 s on, and how often the period was
+/// mended.
+fn counted_errors_us(
+    period_ns: i64,
+    lost: &[(i64, i64)],
+    late: &mut dyn FnMut(i64) -> i64,
+) -> (Vec<f64>, u32) {
+    let mut counted = Counted::new(OneWayConfig::default());
+    let mut errors = Vec::new();
+    for sample in 0..40 * SECOND / period_ns {
+        if lost.iter().any(|(from, to)| (*from..*to).contains(&sample)) {
+            continue;
+        }
+        let true_ns = BOOT + sample * period_ns;
+        let arrival = host(late(true_ns));
+        let at = counted
+            .observe(arrival)
+            .map_or(arrival, |instant| instant.translated.at);
+        assert!(at <= arrival);
+        if sample * period_ns >= 12 * SECOND {
+            errors.push((at.as_nanos() - true_ns) as f64 * 1e-3);
+        }
+    }
+    (errors, counted.mended())
+}
+
+#[test]
+fn samples_lost_while_the_period_is_learned_leave_no_stream_on_its_arrivals() {
+    // 100 Hz, 1 kHz and 4 kHz; a loss early, in the middle, at the end of the two seconds, many, and half of them.
+    for (period_ms, lost) in [
+        (10.0, vec![(20, 21)]),
+        (10.0, vec![(99, 103)]),
+        (10.0, vec![(150, 151), (190, 195)]),
+        (1.0, vec![(500, 540)]),
+        (1.0, (0..60).map(|k| (33 * k + 3, 33 * k + 5)).collect()),
+        (0.25, vec![(10, 900), (4_000, 4_400)]),
+    ] {
+        let period_ns = (period_ms * MS as f64) as i64;
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut last = 0;
+        // 16 ms bursts: arrivals are wrong by up to 16 000 us.
+        let mut late = |true_ns: i64| {
+            let burst = (true_ns + 16 * MS - 1).div_euclid(16 * MS) * 16 * MS;
+            last = last.max(burst + random.random_range(0..300_000));
+            last
+        };
+        let (errors, mended) = counted_errors_us(period_ns, &lost, &mut late);
+        let worst = errors.iter().map(|error| error.abs()).fold(0.0, f64::max);
+        println!(
+            "{period_ms} ms, {} losses: worst {worst:.0} us, mended {mended} times",
+            lost.len()
+        );
+        assert!(
+            worst < 1_000.0,
+            "{period_ms} ms {lost:?}: {worst} us, mended {mended}"
+        );
+    }
+    // A stream without losses needs no mending.
+    let mut late = |true_ns: i64| true_ns + 50_000;
+    assert_eq!(counted_errors_us(MS, &[], &mut late).1, 0);
+}
+
+#[test]
+fn a_clock_that_was_set_back_is_cut_there_and_not_where_the_link_stalled() {
+    let mut random = ChaCha8Rng::seed_from_u64(23);
+    let observations: Vec<_> = (0..60_000_i64)
+        .map(|sample| {
+            let true_ns = BOOT + sample * MS;
+            // Half a second after the clock stood still for 40 ms the link stalls for 200 ms.
+            let device_ns = sample * MS - if sample >= 30_000 { 40 * MS } else { 0 };
+            let stall = (29_700..29_900).contains(&sample) || (30_200..30_400).contains(&sample);
+            let until = if stall {
+                (sample / 100 + 2) * 100 * MS + BOOT
+            } else {
+                0
+            };
+            (
+                device_ns,
+                host((true_ns + exponential(&mut random, 100e3)).max(until)),
+            )
+        })
+        .collect();
+    let smoothed = smooth(&observations, &OneWayConfig::default());
+    let wrong = smoothed
+        .iter()
+        .enumerate()
+        .filter(|(sample, at)| (at.as_nanos() - BOOT - *sample as i64 * MS).abs() > MS)
+        .count();
+    assert!(wrong <= 2, "{wrong} of 60000 stamps are more than 1 ms off");
+}
+
 proptest! {
+    /// Stamps of any size, in any order: the smoother answers all, none later than its arrival.
+    #[test]
+    fn the_smoother_takes_any_stamps(
+        stamps in proptest::collection::vec((any::<i64>(), any::<i64>()), 0..60),
+        near in proptest::collection::vec((0_i64..1_000, 0_i64..1_000), 0..60),
+    ) {
+        // Far apart, and at both ends of what a number holds.
+        let ends = near.iter().map(|(a, b)| (i64::MAX - a, i64::MAX - b));
+        let other = near.iter().map(|(a, b)| (i64::MIN + a, i64::MIN + b));
+        for list in [stamps, ends.collect(), other.collect()] {
+            let observations: Vec<_> = list.into_iter().map(|(x, y)| (x, host(y))).collect();
+            let smoothed = smooth(&observations, &OneWayConfig::default());
+            prop_assert_eq!(smoothed.len(), observations.len());
+            for (at, (_, arrival)) in smoothed.iter().zip(&observations) {
+                prop_assert!(at <= arrival);
+            }
+        }
+    }
+
     /// Any device clock, any delays: never later than the arrival, never going back.
     #[test]
     fn no_answer_is_later_than_its_arrival_or_earlier_than_the_one_before(

@@ -22,6 +22,8 @@ pub struct ClockReport {
 #[derive(Default)]
 pub(super) struct Clocks {
     pub(super) clocks: BTreeMap<String, ClockReport>,
+    /// What devices warned of, as last said.
+    pub(super) warnings: BTreeMap<String, String>,
     first_ns: Option<u64>,
 }
 
@@ -35,6 +37,10 @@ impl Clocks {
         };
         let first_ns = *self.first_ns.get_or_insert(message.log_time);
         for status in array.status {
+            if let Some(pair) = status.values.iter().find(|pair| pair.key == "warnings") {
+                let text = pair.value.clone();
+                self.warnings.insert(status.name.clone(), text);
+            }
             let value = |key: &str| {
                 let pair = status.values.iter().find(|pair| pair.key == key)?;
                 pair.value.parse::<f64>().ok().filter(|v| v.is_finite())
@@ -49,5 +55,47 @@ impl Clocks {
                 clock.largest_spread_us = clock.largest_spread_us.max(clock.spread_us);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{DiagnosticStatus, KeyValue};
+
+    #[test]
+    fn the_last_warning_of_each_device_is_kept() {
+        let mut clocks = Clocks::default();
+        for text in ["first", "first; second"] {
+            let pair = |key: &str, value: &str| KeyValue {
+                key: key.to_owned(),
+                value: value.to_owned(),
+            };
+            let warned = DiagnosticStatus {
+                name: "ft: kunwei".to_owned(),
+                values: vec![pair("gaps", "0"), pair("warnings", text)],
+                ..DiagnosticStatus::default()
+            };
+            let silent = DiagnosticStatus {
+                name: "aria: pose_stream".to_owned(),
+                ..DiagnosticStatus::default()
+            };
+            let array = DiagnosticArray {
+                status: vec![silent, warned],
+                ..DiagnosticArray::default()
+            };
+            let mut data = Vec::new();
+            array.encode(&mut data);
+            clocks.take(&RawMessage {
+                channel_id: 1,
+                sequence: 0,
+                log_time: 5,
+                publish_time: 5,
+                data: &data,
+            });
+        }
+        let expected = BTreeMap::from([("ft: kunwei".to_owned(), "first; second".to_owned())]);
+        assert_eq!(clocks.warnings, expected);
+        assert!(clocks.clocks.is_empty());
     }
 }

@@ -83,19 +83,26 @@ impl Pose7 {
 
 /// Static transforms, by child frame and by parent frame.
 #[derive(Debug, Default)]
-pub(super) struct StaticTransforms {
+pub(crate) struct StaticTransforms {
     /// `parent_from_child` by parent, then child; and its inverse the other way.
     edges: BTreeMap<String, BTreeMap<String, Pose7>>,
 }
 
 impl StaticTransforms {
     /// Takes a transform in; `false` when it is no pose. A later one between the same frames replaces the earlier.
-    pub(super) fn add(&mut self, transform: &TransformStamped) -> bool {
+    pub(crate) fn add(&mut self, transform: &TransformStamped) -> bool {
         let parent = frame_name(&transform.header.frame_id);
         let child = frame_name(&transform.child_frame_id);
         let transform = transform.transform;
         let pose = Pose7::normalised(transform.translation.into(), transform.rotation.into());
-        let Some(pose) = pose else { return false };
+        if let Some(pose) = pose {
+            self.set(parent, child, pose);
+        }
+        pose.is_some()
+    }
+
+    /// Puts `child` at `parent_from_child`.
+    pub(crate) fn set(&mut self, parent: &str, child: &str, pose: Pose7) {
         self.edges
             .entry(parent.to_owned())
             .or_default()
@@ -104,33 +111,46 @@ impl StaticTransforms {
             .entry(child.to_owned())
             .or_default()
             .insert(parent.to_owned(), pose.inverse());
-        true
     }
 
     /// `to_from_from` along the shortest chain of transforms; `None` when none leads there.
-    pub(super) fn between(&self, to: &str, from: &str) -> Option<Pose7> {
-        let mut known = BTreeMap::from([(to, Pose7::IDENTITY)]);
-        let mut front = vec![to];
-        while !front.is_empty() && !known.contains_key(from) {
+    pub(crate) fn between(&self, to: &str, from: &str) -> Option<Pose7> {
+        let mut steps = self.path(to, from)?.into_iter();
+        steps.try_fold(Pose7::IDENTITY, |pose, (parent, child)| {
+            Some(pose.then(self.edges.get(&parent)?.get(&child)?))
+        })
+    }
+
+    /// Steps along the shortest chain, from frame to frame; `None` when none leads there.
+    pub(crate) fn path(&self, from: &str, to: &str) -> Option<Vec<(String, String)>> {
+        let mut before: BTreeMap<&str, Option<&str>> = BTreeMap::from([(from, None)]);
+        let mut front = vec![from];
+        while !front.is_empty() && !before.contains_key(to) {
             let mut next = Vec::new();
             for frame in front {
-                let Some(pose) = known.get(frame).copied() else {
-                    continue;
-                };
-                for (neighbour, edge) in self.edges.get(frame).into_iter().flatten() {
-                    if !known.contains_key(neighbour.as_str()) {
-                        known.insert(neighbour, pose.then(edge));
+                for neighbour in self.edges.get(frame).into_iter().flat_map(BTreeMap::keys) {
+                    if !before.contains_key(neighbour.as_str()) {
+                        before.insert(neighbour, Some(frame));
                         next.push(neighbour.as_str());
                     }
                 }
             }
             front = next;
         }
-        known.get(from).copied()
+        before.get(to)?;
+        let step_to = |frame: &str| {
+            let above = (*before.get(frame)?)?;
+            Some((above.to_owned(), frame.to_owned()))
+        };
+        let back = std::iter::successors(step_to(to), |(above, _)| step_to(above));
+        let mut path: Vec<_> = back.collect();
+        path.reverse();
+        Some(path)
     }
 }
 
-fn frame_name(name: &str) -> &str {
+/// A frame's name without the slash that ROS 1 wrote before it.
+pub(crate) fn frame_name(name: &str) -> &str {
     name.strip_prefix('/').unwrap_or(name)
 }
 

@@ -102,7 +102,8 @@ const HOI_EXAMPLES: &str = "Examples:
   ft-capture import-hoi extracted/ -o recordings/                     of all locations; those already there are passed over
   ft-identify --batch recordings/ -o results/                         then identify them all
 
-DIR holds gripper/<name>_gripper_bag and aria_gripper/<name>_gripper_vrs, each a folder or a zip.";
+DIR holds gripper/<name>_gripper_bag and aria_gripper/<name>_gripper_vrs; any folder may be a zip, also gripper/ itself or the location's.
+Recordings of one name in several folders go below these folders' names.";
 
 /// What to import.
 #[derive(Debug, Args)]
@@ -123,7 +124,11 @@ pub(crate) struct HoiArguments {
 
 /// Carries `import-hoi` out: a recording that cannot be imported does not stop the others.
 pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
-    let parts = hoi::parts(&arguments.directory)?;
+    let found = hoi::parts(&arguments.directory)?;
+    let (outputs, parts) = (found.outputs(), found.parts);
+    for error in &found.unreadable {
+        eprintln!("ft-capture: not looked into: {error}");
+    }
     let is_file = |path: &Path| {
         path.extension()
             .is_some_and(|extension| extension == "mcap")
@@ -136,18 +141,18 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         )
         .into());
     }
-    if !single {
-        std::fs::create_dir_all(&arguments.output)
-            .map_err(|error| format!("cannot create {}: {error}", arguments.output.display()))?;
-    }
     let bar = bar_of(parts.len());
     let (mut reports, mut failed) = (Vec::new(), 0);
-    for part in &parts {
+    for (part, output) in parts.iter().zip(outputs) {
         let out = if single {
             arguments.output.clone()
         } else {
-            arguments.output.join(format!("{}.mcap", part.name))
+            arguments.output.join(output)
         };
+        if let Some(folder) = out.parent().filter(|_| !single) {
+            std::fs::create_dir_all(folder)
+                .map_err(|error| format!("cannot create {}: {error}", folder.display()))?;
+        }
         if !single && !arguments.force && out.exists() {
             reports
                 .push(serde_json::json!({ "name": part.name, "path": out, "passed_over": true }));
@@ -180,7 +185,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         say(&serde_json::to_string_pretty(&reports)?)?;
     }
     match failed {
-        0 => Ok(Outcome::Fine),
+        0 => Ok(Outcome::of(!found.unreadable.is_empty())),
         _ => Err(format!(
             "{failed} of {} recordings could not be imported",
             parts.len()
@@ -323,19 +328,29 @@ pub(crate) struct BagArguments {
 
 /// Carries `import-bag` out.
 pub(crate) fn bag(arguments: &BagArguments) -> CommandResult {
+    let bar = if std::io::IsTerminal::is_terminal(&std::io::stderr()) {
+        indicatif::ProgressBar::new(0)
+    } else {
+        indicatif::ProgressBar::hidden()
+    };
     let report = import_bag(
         &arguments.bag,
         &arguments.wrench,
         &arguments.temperature,
         &arguments.output,
         arguments.force,
+        &mut |bytes, of| {
+            bar.set_length(of);
+            bar.set_position(bytes);
+        },
     )?;
+    bar.finish_and_clear();
     if arguments.json {
         say(&serde_json::to_string_pretty(&report)?)?;
     } else {
         say(&report.to_string())?;
     }
-    Ok(Outcome::of(report.cut_short))
+    Ok(Outcome::of(report.lost_data()))
 }
 
 /// Says what was done, for people or as JSON.

@@ -5,7 +5,7 @@ use ft_wire::HostTime;
 
 use super::{BAG, HoiPart, VRS};
 use crate::config::Frames;
-use crate::import::archive::{Found, find};
+use crate::import::archive::{Found, Tree};
 use crate::import::aria::static_pose;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
@@ -15,6 +15,7 @@ use crate::import::{ImportError, hex};
 /// Everything of one recording on its way in.
 pub(super) struct Import<'a> {
     pub(super) part: &'a HoiPart,
+    pub(super) tree: Tree,
     pub(super) sources: Vec<SourceFile>,
     pub(super) missing: Vec<String>,
     /// Wrenches that are not finite, or stamped as another.
@@ -43,7 +44,7 @@ impl Import<'_> {
         let folder = format!("{}{suffix}", self.part.name);
         let mut path = vec![group, folder.as_str()];
         path.extend(parts);
-        let found = find(&self.part.base, &path)?;
+        let found = self.tree.find(&self.part.base, &path)?;
         if let Some(found) = &found {
             self.note(found);
         }
@@ -92,9 +93,11 @@ impl Import<'_> {
         let mut samples = Vec::with_capacity(table.len());
         for row in 0..table.len() {
             let value = table.numbers(row, columns)?;
-            if value.iter().all(|number| number.is_finite()) {
+            if let Some(at) = table.instant(row, time, 1)?
+                && value.iter().all(|number| number.is_finite())
+            {
                 samples.push(Stamped {
-                    at: HostTime::from_nanos(table.integer(row, time)?),
+                    at: HostTime::from_nanos(at),
                     value,
                 });
             }
@@ -129,16 +132,17 @@ impl Import<'_> {
             let table = Table::from_bytes(&found.bytes, &found.path)?;
             let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
             let sample = |row| {
-                Ok(Stamped {
-                    at: HostTime::from_nanos(table.integer(row, time)?),
-                    value: table.number(row, value)?,
-                })
+                let at = table.instant(row, time, 1)?.map(HostTime::from_nanos);
+                let value = table.float(row, value)?;
+                let sample = at.filter(|_| value.is_finite());
+                Ok(sample.map(|at| Stamped { at, value }))
             };
-            (0..table.len())
-                .map(sample)
-                .collect::<Result<Vec<_>, ImportError>>()
+            let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
+            let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
+            samples.sort_by_key(|sample| sample.at);
+            Ok(samples)
         };
-        Ok(read().unwrap_or_else(|error| {
+        Ok(read().unwrap_or_else(|error: ImportError| {
             self.missing.push(format!("{what} ({error})"));
             Vec::new()
         }))
@@ -170,14 +174,13 @@ impl Import<'_> {
                 "angular_velocity.z",
             ])?;
             let sample = |row| {
-                Ok(Stamped {
-                    at: HostTime::from_nanos(table.integer(row, time)?),
-                    value: table.numbers(row, rate)?,
-                })
+                let at = table.instant(row, time, 1)?.map(HostTime::from_nanos);
+                let value = table.numbers(row, rate)?;
+                let at = at.filter(|_| value.iter().all(|rate| rate.is_finite()));
+                Ok(at.map(|at| Stamped { at, value }))
             };
-            let samples = (0..table.len()).map(sample);
+            let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
             let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
-            samples.retain(|sample| sample.value.iter().all(|rate| rate.is_finite()));
             samples.sort_by_key(|sample| sample.at);
             samples.dedup_by_key(|sample| sample.at);
             Ok(samples)

@@ -18,7 +18,7 @@ pub struct HoiReport {
     pub path: PathBuf,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
-    /// Wrenches that are not finite or stamped as another.
+    /// Wrenches that have an empty field, are not finite, or are stamped as another or not at all.
     pub left_out: u64,
     /// What the trajectory has and what of it was left out.
     pub counts: TrajectoryCounts,
@@ -28,6 +28,8 @@ pub struct HoiReport {
     pub alignment: Option<Alignment>,
     /// What the sensor's own gyroscope says of the times that were written; none when it shows nothing.
     pub gyro_check: Option<GyroCheck>,
+    /// What looks like other units.
+    pub doubts: Vec<String>,
     /// What is not there, and what that costs.
     pub missing: Vec<String>,
     /// What it was made from.
@@ -68,7 +70,7 @@ impl fmt::Display for HoiReport {
         if self.left_out > 0 {
             write!(
                 f,
-                "\n  {} wrenches left out: not finite, or stamped as another",
+                "\n  {} wrenches left out: a field empty or not finite, or stamped as another",
                 self.left_out
             )?;
         }
@@ -79,7 +81,9 @@ impl fmt::Display for HoiReport {
                 "of other worlds (graph_uid or session_uid)",
             ),
             (counts.not_later, "not later than the one before"),
-            (counts.no_pose, "without a rotation"),
+            (counts.no_pose, "without a rotation, or with an empty field"),
+            (counts.no_stamp, "without a stamp"),
+            (counts.low_quality, "without a quality"),
         ];
         for (count, what) in poses.into_iter().filter(|(count, _)| *count > 0) {
             write!(f, "\n  {count} poses left out: {what}")?;
@@ -112,6 +116,9 @@ impl fmt::Display for HoiReport {
                 check.offset_ms,
                 100.0 * check.explained
             )?;
+        }
+        for doubt in &self.doubts {
+            write!(f, "\n  doubtful: {doubt}")?;
         }
         for missing in &self.missing {
             write!(f, "\n  missing: {missing}")?;
