@@ -47,8 +47,11 @@ fn bag(compression: &[u8]) -> Vec<u8> {
     [START, &record(&[("op", &[3])], &[b' '; 64]), &chunk].concat()
 }
 
-/// What is read of `bytes`: wrenches of `/w`, what was seen on the way, and the topics.
-fn read(bytes: &[u8]) -> Result<(Vec<Stamped<[f64; 6]>>, records::Scanned, usize), String> {
+/// Wrenches of `/w`, what was seen on the way, and the number of topics.
+type Read = (Vec<Stamped<[f64; 6]>>, records::Scanned, usize);
+
+/// What is read of `bytes`.
+fn read(bytes: &[u8]) -> Result<Read, String> {
     let mut samples = Samples {
         wrench: Wanted::new("/w", WRENCH_TYPE),
         temperature: Wanted::new("/t", TEMPERATURE_TYPE),
