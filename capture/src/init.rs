@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use ft_drivers::discover::{CanInterface, FoundHid, FoundPort};
+use ft_drivers::discover::{CanInterface, FoundAdapter, FoundHid, FoundPort};
 
 /// What is plugged in.
 #[derive(Clone, Debug, Default)]
@@ -11,6 +11,8 @@ pub struct Found {
     pub ports: Vec<FoundPort>,
     /// CAN interfaces.
     pub interfaces: Vec<CanInterface>,
+    /// candleLight adapters.
+    pub adapters: Vec<FoundAdapter>,
     /// HID devices with an axis.
     pub hids: Vec<FoundHid>,
 }
@@ -22,6 +24,7 @@ impl Found {
         Self {
             ports: ft_drivers::discover::serial_ports(),
             interfaces: ft_drivers::discover::can_interfaces(),
+            adapters: ft_drivers::discover::can_adapters(),
             hids: ft_drivers::discover::hid_devices(),
         }
     }
@@ -29,7 +32,10 @@ impl Found {
     /// Whether nothing is there.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.ports.is_empty() && self.interfaces.is_empty() && self.hids.is_empty()
+        self.ports.is_empty()
+            && self.interfaces.is_empty()
+            && self.adapters.is_empty()
+            && self.hids.is_empty()
     }
 }
 
@@ -56,14 +62,24 @@ pub fn capture_toml(found: &Found) -> String {
             &about,
         );
     }
+    let on_can = ["robotous_can", "optoforce_can", "ati_netcanoem"];
     for interface in &found.interfaces {
-        let takers = ["robotous_can", "optoforce_can", "ati_netcanoem"];
+        let name = &interface.name;
+        block(&mut text, name, name, &on_can, &interface.driver);
+    }
+    // Where the kernel made no interface of it.
+    let alone = found
+        .adapters
+        .iter()
+        .filter(|adapter| adapter.interface.is_none());
+    for (number, adapter) in (1..).zip(alone) {
+        let name = format!("gs_usb_{number}");
         block(
             &mut text,
-            &interface.name,
-            &interface.name,
-            &takers,
-            &interface.driver,
+            &name,
+            &adapter.port(),
+            &on_can,
+            "candleLight in user space",
         );
     }
     for (number, hid) in (1..).zip(&found.hids) {
@@ -149,6 +165,13 @@ mod tests {
                 driver: "gs_usb".to_owned(),
                 up: true,
             }],
+            adapters: vec![FoundAdapter {
+                vendor: 0x1D50,
+                product: 0x606F,
+                serial_number: "0039001B".to_owned(),
+                interface: None,
+                permitted: true,
+            }],
             hids: Vec::new(),
         };
         let text = capture_toml(&found);
@@ -158,6 +181,7 @@ mod tests {
         for offered in [
             "# driver = \"bota_serial\"",
             "# port = \"can0\"",
+            "# port = \"gs_usb:0039001B\"",
             "dynamixel, amt21",
         ] {
             assert!(text.contains(offered), "{offered}: {text}");

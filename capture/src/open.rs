@@ -7,10 +7,10 @@ use std::thread::JoinHandle;
 use ft_drivers::device::Counted;
 use ft_drivers::discover::RememberedPort;
 use ft_drivers::hid_axis::HidFrame;
+use ft_drivers::link::can_port::CanPort;
 use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::link::serial::SerialLink;
-use ft_drivers::link::socketcan::SocketCanLink;
 use ft_drivers::options::Startup;
 use ft_drivers::pump::{Pump, Turn};
 use ft_drivers::reading::{Counts, Reading};
@@ -108,7 +108,7 @@ impl DriverUser for Spawn<'_> {
                 ZenohLink::open(&session, &key, clock)
             });
         }
-        let mut port = RememberedPort::new(Path::new(&self.device.port));
+        let mut port = RememberedPort::serial(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
             SerialLink::open(&port.path()?, baud_bps, clock)
         })
@@ -122,7 +122,7 @@ impl DriverUser for Spawn<'_> {
         match self.connection {
             Connection::Configured | Connection::Network(_) => {
                 Self::start(self.device, self.thread, make, move || {
-                    SocketCanLink::open(&port, &ids, clock)
+                    CanPort::open(&port, &ids, clock)
                 })
             }
             #[cfg(feature = "sim")]
@@ -140,9 +140,10 @@ impl DriverUser for Spawn<'_> {
     where
         D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static,
     {
-        let (port, clock) = (self.device.port.clone(), self.clock);
+        let clock = self.clock;
+        let mut port = RememberedPort::hid(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
-            HidrawLink::open(Path::new(&port), clock)
+            HidrawLink::open(&port.path()?, clock)
         })
     }
 }

@@ -1,5 +1,7 @@
-//! What is plugged in: serial ports with their USB identity, CAN interfaces, HID devices. Reads sysfs only, no udev library.
+//! What is plugged in: serial ports with their USB identity and CAN interfaces by sysfs, CAN adapters by libusb, HID devices by
+//! hidapi. No udev library is needed.
 
+mod adapters;
 mod hid;
 mod remembered;
 
@@ -7,6 +9,8 @@ use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+pub(crate) use adapters::adapter;
+pub use adapters::{FoundAdapter, can_adapters};
 pub use hid::{FoundHid, hid_devices};
 pub use remembered::RememberedPort;
 
@@ -17,6 +21,8 @@ pub enum Attachment {
     Serial,
     /// A CAN adapter: the kernel makes a network interface of it, which needs no device node and no rule.
     CanInterface,
+    /// A candleLight: as above, or opened in user space ([`crate::link::gs_usb`]); for that the rules give access to it.
+    CandleLight,
 }
 
 /// A USB identity of a supported device or of the converter in it.
@@ -105,6 +111,13 @@ const fn can(vendor: u16, product: u16, name: &'static str, driver: &'static str
     }
 }
 
+const fn candlelight(vendor: u16, product: u16, name: &'static str) -> UsbIdentity {
+    UsbIdentity {
+        attachment: Attachment::CandleLight,
+        ..can(vendor, product, name, "gs_usb")
+    }
+}
+
 /// Identities of supported devices. Bota and Robotous cables and the usual Dynamixel adapter are FTDI converters whose
 /// product id no document gives, so all of FTDI's are here; they do not tell which device hangs behind.
 ///
@@ -141,8 +154,8 @@ pub const IDENTITIES: &[UsbIdentity] = &[
         "cdc_acm",
         &["optoforce_serial"],
     ),
-    can(0x1D50, 0x606F, "candleLight, CANable", "gs_usb"),
-    can(0x1209, 0x2323, "candleLight clone", "gs_usb"),
+    candlelight(0x1D50, 0x606F, "candleLight, CANable"),
+    candlelight(0x1209, 0x2323, "candleLight clone"),
     can(0x0C72, 0x000C, "PCAN-USB", "peak_usb"),
     can(0x0C72, 0x000D, "PCAN-USB Pro", "peak_usb"),
     can(0x0BFD, 0x0004, "Kvaser USBcan II", "kvaser_usb"),
@@ -239,7 +252,7 @@ pub fn udev_line(subsystem: &str, vendor: u16, product: u16) -> String {
 }
 
 /// Whether this user may read and write a node.
-fn is_permitted(node: &Path) -> bool {
+pub(crate) fn is_permitted(node: &Path) -> bool {
     use rustix::fs::{Access, access};
     access(node, Access::READ_OK | Access::WRITE_OK).is_ok()
 }

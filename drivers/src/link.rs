@@ -1,6 +1,9 @@
 //! The contract of a link: it carries frames and says when they came.
 
+pub mod can_errors;
+pub mod can_port;
 pub mod faults;
+pub mod gs_usb;
 pub mod hidraw;
 pub mod record;
 pub mod replay;
@@ -16,7 +19,7 @@ pub struct RxStamps {
     pub arrival: HostTime,
 }
 
-/// SocketCAN, hidraw, serial, replay, faults and sim-hw alike. A malformed frame is not a link error.
+/// SocketCAN, gs_usb, hidraw, serial, replay, faults and sim-hw alike. A malformed frame is not a link error.
 pub trait Link {
     /// What is carried: [`ft_wire::Chunk`], [`ft_wire::CanFrame`] or [`crate::hid_axis::HidFrame`].
     type Frame;
@@ -82,6 +85,24 @@ pub enum LinkError {
         there: String,
         /// Serial number of the one that was there before.
         wanted: String,
+    },
+    /// A name that cannot be read.
+    #[error("{port} is no name of a port: write {form}")]
+    Name {
+        /// The port of the configuration.
+        port: String,
+        /// How it is to be written.
+        form: &'static str,
+    },
+    /// One name for several devices.
+    #[error(
+        "{port} stands for {count} adapters: name one by its serial number, `ft-capture devices` lists them"
+    )]
+    Ambiguous {
+        /// The port of the configuration.
+        port: String,
+        /// How many there are.
+        count: usize,
     },
     /// The network interface is not up.
     #[error("{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100")]

@@ -28,6 +28,17 @@ pub enum Bus {
     },
 }
 
+impl Bus {
+    /// Its rate, bit/s.
+    #[must_use]
+    pub const fn bits_per_second(self) -> u32 {
+        match self {
+            Self::Serial { baud_bps } => baud_bps,
+            Self::Can { bitrate_bps } => bitrate_bps,
+        }
+    }
+}
+
 /// What a bus carries, and how many bits that takes.
 pub trait Carried: Copy + Send + fmt::Debug + 'static {
     /// Bits on the wire.

@@ -1,6 +1,7 @@
-//! The simulated devices in real time: serial devices on pseudo-terminals or USB gadgets, CAN on a `vcan` interface or in
-//! the process.
+//! The simulated devices in real time: serial devices on pseudo-terminals or USB gadgets, CAN on a `vcan` interface, behind
+//! a candleLight adapter on a FunctionFS, or in the process.
 
+mod candlelight;
 mod gadget;
 mod pty;
 mod vcan;
@@ -16,6 +17,7 @@ use std::time::Duration;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
+use self::candlelight::CandleLight;
 use self::gadget::Gadget;
 use self::pty::Pty;
 use self::vcan::Vcan;
@@ -33,6 +35,8 @@ pub struct ServeOptions {
     pub vcan: Option<String>,
     /// The device's side of a USB gadget (`/dev/ttyGS0`) for the serial devices named; the others get pseudo-terminals.
     pub gadgets: BTreeMap<String, PathBuf>,
+    /// A mounted FunctionFS for the devices on CAN named: they are behind a candleLight adapter of their own.
+    pub candlelights: BTreeMap<String, PathBuf>,
 }
 
 /// Where a device can be opened.
@@ -43,6 +47,8 @@ pub enum Port {
     Pty(PathBuf),
     /// The host's side of the USB gadget whose device's side this is.
     Gadget(PathBuf),
+    /// The candleLight adapter that the host sees once the gadget of this FunctionFS is bound.
+    CandleLight(PathBuf),
     /// A CAN interface.
     SocketCan(String),
     /// [`Server::can_link`].
@@ -81,6 +87,16 @@ pub enum ServeError {
     )]
     Gadget {
         /// The terminal.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A candleLight cannot be made of a FunctionFS.
+    #[error(
+        "cannot make a candleLight of {path}: load usb_f_fs, make a gadget with an ffs function and mount it there, not bound yet"
+    )]
+    CandleLight {
+        /// The mounted FunctionFS.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -136,6 +152,10 @@ enum Outlet {
         gadget: Gadget,
         port: Arc<LinkPort<Chunk>>,
     },
+    CandleLight {
+        adapter: CandleLight,
+        port: Arc<LinkPort<CanFrame>>,
+    },
     Vcan {
         bus: Vcan,
         port: Arc<LinkPort<CanFrame>>,
@@ -176,6 +196,14 @@ impl Server {
                         port: wired.port.clone(),
                     });
                     Port::Pty(path)
+                }
+                (SlotKind::Can(wired), _) if options.candlelights.contains_key(&fitted.name) => {
+                    let path = &options.candlelights[&fitted.name];
+                    outlets.push(Outlet::CandleLight {
+                        adapter: CandleLight::open(path, fitted.bus.bits_per_second(), clock)?,
+                        port: wired.port.clone(),
+                    });
+                    Port::CandleLight(path.clone())
                 }
                 (SlotKind::Can(wired), Some(interface)) => {
                     outlets.push(Outlet::Vcan {
@@ -326,6 +354,7 @@ impl Outlet {
         match self {
             Self::Pty { pty, port } => pty.read(|chunk| port.send(chunk)),
             Self::Gadget { gadget, port } => gadget.read(|chunk| port.send(chunk)),
+            Self::CandleLight { adapter, port } => adapter.read(|frame| port.send(frame)),
             Self::Vcan { bus, port } => bus.read(|frame| port.send(frame)),
         }
     }
@@ -342,6 +371,11 @@ impl Outlet {
                     gadget.write(chunk.as_slice());
                 }
             }
+            Self::CandleLight { adapter, port } => {
+                while let Some((_, frame)) = port.take_to_host(now) {
+                    adapter.write(&frame);
+                }
+            }
             Self::Vcan { bus, port } => {
                 while let Some((_, frame)) = port.take_to_host(now) {
                     bus.write(&frame);
@@ -353,7 +387,7 @@ impl Outlet {
     fn next_to_host(&self) -> Option<HostTime> {
         match self {
             Self::Pty { port, .. } | Self::Gadget { port, .. } => port.next_to_host(),
-            Self::Vcan { port, .. } => port.next_to_host(),
+            Self::CandleLight { port, .. } | Self::Vcan { port, .. } => port.next_to_host(),
         }
     }
 
@@ -361,6 +395,7 @@ impl Outlet {
         match self {
             Self::Pty { pty, .. } => pty.dropped(),
             Self::Gadget { .. } => 0,
+            Self::CandleLight { adapter, .. } => adapter.dropped(),
             Self::Vcan { bus, .. } => bus.dropped(),
         }
     }

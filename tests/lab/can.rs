@@ -5,7 +5,8 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use ft_drivers::link::socketcan::{CanErrors, SocketCanLink};
+use ft_drivers::link::can_errors::CanErrors;
+use ft_drivers::link::socketcan::SocketCanLink;
 use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
 use ft_sim_hw::ServeOptions;
 use socketcan::frame::can_frame_default;

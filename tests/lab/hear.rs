@@ -8,9 +8,9 @@ use ft_capture::settings::{DriverUser, with_driver};
 use ft_capture::simulated;
 use ft_drivers::device::Counted;
 use ft_drivers::hid_axis::HidFrame;
+use ft_drivers::link::can_port::CanPort;
 use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::serial::SerialLink;
-use ft_drivers::link::socketcan::SocketCanLink;
 use ft_drivers::options::Startup;
 use ft_drivers::pump::{Outlet, Pump};
 use ft_drivers::reading::{Counts, DeviceEvent, Reading, WrenchReading};
@@ -228,7 +228,7 @@ impl DriverUser for Listener<'_> {
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {
         let clock = MonotonicClock::anchored_now();
-        let link = SocketCanLink::open(&self.device.port, &ids, clock)?;
+        let link = CanPort::open(&self.device.port, &ids, clock)?;
         self.listen(make(), link, clock)
     }
 

@@ -2,12 +2,14 @@
 
 use std::f64::consts::TAU;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ft_capture::config::{Device, Driver};
-use ft_drivers::discover::{self, FoundHid};
-use ft_drivers::{Clock as _, MonotonicClock};
+use ft_drivers::discover::{self, FoundHid, RememberedPort};
+use ft_drivers::hid_axis::HidFrame;
+use ft_drivers::link::hidraw::HidrawLink;
+use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
 
 use crate::Case;
 use crate::gadget::Gadget;
@@ -18,6 +20,15 @@ pub(crate) const CASES: &[Case] = &[
     ("hid_slider_is_a_width", hid_slider_is_a_width),
     ("hid_dial_sums_its_steps", hid_dial_sums_its_steps),
     ("hid_unplugged_is_gone", hid_unplugged_is_gone),
+    ("hid_device_is_ours_alone", hid_device_is_ours_alone),
+    (
+        "hid_report_that_is_too_long_is_told",
+        hid_report_that_is_too_long_is_told,
+    ),
+    (
+        "hid_two_of_a_kind_are_told_apart",
+        hid_two_of_a_kind_are_told_apart,
+    ),
 ];
 
 /// HID 1.11 6.2.2 by hand: joystick, report 3, a slider of 16 bits, 0 to 65535.
@@ -33,6 +44,20 @@ const DIAL: &[u8] = &[
 /// An Arduino Leonardo.
 const ARDUINO: (u16, u16) = (0x2341, 0x8036);
 
+/// For the host to notice a device.
+const LONGEST: Duration = Duration::from_secs(15);
+
+/// The host's node of the device with this serial number, once there is one.
+fn found(serial_number: &str) -> FoundHid {
+    let mut found = None;
+    wait_for("the host's hidraw", LONGEST, || {
+        let mut devices = discover::hid_devices().into_iter();
+        found = devices.find(|device| device.serial_number == serial_number);
+        found.as_ref().is_some_and(|found| found.path.exists())
+    });
+    found.unwrap()
+}
+
 /// A HID device on a gadget, its side and the host's.
 struct Plugged {
     gadget: Gadget,
@@ -42,10 +67,20 @@ struct Plugged {
 
 impl Plugged {
     fn new(descriptor: &[u8], report_length: usize) -> Self {
+        Self::numbered(0, "LABHID", descriptor, report_length)
+    }
+
+    /// In this socket, with this serial number.
+    fn numbered(
+        socket: usize,
+        serial_number: &str,
+        descriptor: &[u8],
+        report_length: usize,
+    ) -> Self {
         for module in ["usb_f_hid", "usbhid", "hid_generic"] {
             load(module);
         }
-        let gadget = Gadget::new(0, ARDUINO.0, ARDUINO.1, "LABHID");
+        let gadget = Gadget::new(socket, ARDUINO.0, ARDUINO.1, serial_number);
         gadget.function("hid.usb0");
         gadget.write(
             "functions/hid.usb0/report_length",
@@ -54,16 +89,10 @@ impl Plugged {
         gadget.write("functions/hid.usb0/report_desc", descriptor);
         gadget.add("hid.usb0");
         gadget.plug_in();
-        let longest = Duration::from_secs(15);
-        let mut found = None;
-        wait_for("the host's hidraw", longest, || {
-            found = discover::hid_devices().into_iter().next();
-            found.as_ref().is_some_and(|found| found.path.exists())
-        });
-        let side = PathBuf::from("/dev/hidg0");
-        wait_for("the gadget's side", longest, || side.exists());
-        let found = found.unwrap();
+        let found = found(serial_number);
         assert_eq!((found.vendor, found.product), ARDUINO);
+        let side = PathBuf::from(format!("/dev/hidg{socket}"));
+        wait_for("the gadget's side", LONGEST, || side.exists());
         Self {
             gadget,
             side,
@@ -153,4 +182,66 @@ fn hid_unplugged_is_gone() {
     let gone = matches!(ended, Err(ft_drivers::LinkError::Gone { .. }));
     assert!(gone, "{ended:?}");
     unplugging.join().unwrap();
+}
+
+fn open(port: &Path) -> Result<HidrawLink, LinkError> {
+    HidrawLink::open(port, MonotonicClock::anchored_now())
+}
+
+fn hid_device_is_ours_alone() {
+    let plugged = Plugged::new(SLIDER, 3);
+    let _first = open(&plugged.found.path).unwrap();
+    let second = open(&plugged.found.path);
+    assert!(matches!(second, Err(LinkError::Busy { .. })), "{second:?}");
+}
+
+fn hid_report_that_is_too_long_is_told() {
+    // Report 4 besides: 64 bytes without an axis.
+    let padding = [
+        0x85, 0x04, 0x09, 0x01, 0x75, 0x08, 0x95, 0x40, 0x81, 0x02, 0xC0,
+    ];
+    let descriptor = [&SLIDER[..SLIDER.len() - 1], &padding].concat();
+    let plugged = Plugged::new(&descriptor, 65);
+    let mut link = open(&plugged.found.path).unwrap();
+    let clock = MonotonicClock::anchored_now();
+    let end = clock.now() + Duration::from_secs(5);
+    let (first, _) = link.recv(end).unwrap().unwrap();
+    assert_eq!(first, HidFrame::Descriptor(descriptor.into()));
+    assert_eq!(link.take_notice(), None);
+    fs::write(&plugged.side, [4; 65]).unwrap();
+    fs::write(&plugged.side, [3, 7, 0]).unwrap();
+    let (report, _) = link.recv(end).unwrap().unwrap();
+    let HidFrame::Report(report) = report else {
+        panic!("{report:?}");
+    };
+    assert_eq!(report.as_slice(), [3, 7, 0]);
+    assert_eq!(link.oversized(), 1);
+    let told = link.take_notice().unwrap();
+    assert!(told.contains("longer than 64 bytes"), "{told}");
+}
+
+/// Two devices of one identity, plugged in again in the other order: each is found by its serial number.
+fn hid_two_of_a_kind_are_told_apart() {
+    let serial_numbers = ["LABHIDA", "LABHIDB"];
+    let pair = [0, 1].map(|index| Plugged::numbered(index, serial_numbers[index], SLIDER, 3));
+    let before = serial_numbers.map(|serial_number| found(serial_number).path);
+    let mut remembered = [0, 1].map(|index: usize| RememberedPort::hid(&before[index]));
+    for (port, path) in remembered.iter_mut().zip(&before) {
+        assert_eq!(port.path().unwrap(), *path);
+    }
+    for plugged in &pair {
+        plugged.gadget.unplug();
+    }
+    wait_for("both to be gone", LONGEST, || {
+        discover::hid_devices().is_empty()
+    });
+    pair[1].gadget.plug_in();
+    assert_eq!(found("LABHIDB").path, before[0], "the kernel's names swap");
+    let first = remembered[0].path();
+    assert!(matches!(first, Err(LinkError::Other { .. })), "{first:?}");
+    pair[0].gadget.plug_in();
+    assert_eq!(found("LABHIDA").path, before[1]);
+    for (port, path) in remembered.iter_mut().zip([&before[1], &before[0]]) {
+        assert_eq!(port.path().unwrap(), *path);
+    }
 }

@@ -8,6 +8,7 @@
 )]
 
 mod can;
+mod candle;
 mod gadget;
 mod hear;
 mod hid;
@@ -30,6 +31,7 @@ fn main() {
         hid::CASES,
         udev::CASES,
         service::CASES,
+        candle::CASES,
     ];
     let all = groups.into_iter().flatten();
     for (name, case) in all.filter(|(name, _)| only.split(',').any(|part| name.contains(part))) {

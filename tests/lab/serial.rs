@@ -147,7 +147,7 @@ fn acm_two_of_a_kind_are_told_apart() {
     ];
     let ports = || [0, 1].map(|index: usize| pair[index].gadget.port().path);
     let before = ports();
-    let mut remembered = [0, 1].map(|index: usize| RememberedPort::new(&before[index]));
+    let mut remembered = [0, 1].map(|index: usize| RememberedPort::serial(&before[index]));
     for (port, path) in remembered.iter_mut().zip(&before) {
         assert_eq!(port.path().unwrap(), *path);
     }

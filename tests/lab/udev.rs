@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Once;
 
@@ -17,6 +17,7 @@ pub(crate) const CASES: &[Case] = &[
         "udev_rules_open_every_serial_identity",
         udev_rules_open_every_serial_identity,
     ),
+    ("udev_rules_open_candlelights", udev_rules_open_candlelights),
     (
         "udev_names_stay_with_the_serial_number",
         udev_names_stay_with_the_serial_number,
@@ -85,6 +86,35 @@ fn udev_rules_open_every_serial_identity() {
         assert_eq!(port.identity(), Some(identity));
         is_opened(&port.path).unwrap_or_else(|why| panic!("{}: {why}", identity.name));
     }
+}
+
+/// Devices with these identities and any function; libusb opens their nodes.
+fn udev_rules_open_candlelights() {
+    daemon();
+    let candlelights = IDENTITIES
+        .iter()
+        .filter(|identity| identity.attachment == Attachment::CandleLight);
+    for identity in candlelights {
+        let (gadget, _) = Gadget::serial(0, identity.vendor, identity.product, "LABUDEV");
+        gadget.plug_in();
+        gadget.port();
+        let node = usb_node("LABUDEV").expect("the device's node");
+        is_opened(&node).unwrap_or_else(|why| panic!("{}: {why}", identity.name));
+    }
+}
+
+/// The node of the USB device with this serial number.
+fn usb_node(serial_number: &str) -> Option<PathBuf> {
+    let devices = fs::read_dir("/sys/bus/usb/devices").ok()?;
+    let text = |folder: &Path, name: &str| {
+        let text = fs::read_to_string(folder.join(name)).unwrap_or_default();
+        text.trim().to_owned()
+    };
+    let mut folders = devices.flatten().map(|entry| entry.path());
+    let folder = folders.find(|folder| text(folder, "serial") == serial_number)?;
+    let number = |name| text(&folder, name).parse::<u32>().ok();
+    let (bus, device) = (number("busnum")?, number("devnum")?);
+    Some(PathBuf::from(format!("/dev/bus/usb/{bus:03}/{device:03}")))
 }
 
 fn udev_names_stay_with_the_serial_number() {

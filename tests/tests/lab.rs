@@ -45,12 +45,18 @@ cases! {
     hid_slider_is_a_width
     hid_dial_sums_its_steps
     hid_unplugged_is_gone
+    hid_device_is_ours_alone
+    hid_report_that_is_too_long_is_told
+    hid_two_of_a_kind_are_told_apart
     udev_rules_open_every_serial_identity
+    udev_rules_open_candlelights
     udev_names_stay_with_the_serial_number
     udev_leaves_other_devices_alone
     udev_line_that_devices_prints_works
     service_finds_a_replugged_sensor_under_another_name
     service_comes_back_after_bus_off_and_a_downed_bus
+    candle_is_ours_alone
+    candle_two_of_a_kind_are_told_apart
 }
 
 #[test]

@@ -1,12 +1,14 @@
-//! HID devices that have an axis.
+//! HID devices that have an axis, listed by the `hidapi` crate.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use ft_wire::hid;
+use hidapi::{DeviceInfo, HidApi};
 
-use super::{is_permitted, names_in, text, udev_line};
+use super::{is_permitted, udev_line};
 
 /// A HID device with at least one axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,6 +21,8 @@ pub struct FoundHid {
     pub product: u16,
     /// What it calls itself.
     pub name: String,
+    /// Serial number, empty when there is none.
+    pub serial_number: String,
     /// Names of its axes.
     pub axes: Vec<&'static str>,
     /// Whether this user may open it.
@@ -33,6 +37,9 @@ impl fmt::Display for FoundHid {
             "{}  {vendor:04x}:{product:04x}  {name}",
             self.path.display()
         )?;
+        if !self.serial_number.is_empty() {
+            write!(f, "  {}", self.serial_number)?;
+        }
         write!(f, "  for hid_axis, axes {}", self.axes.join(", "))?;
         if !self.permitted {
             let rule = udev_line("hidraw", vendor, product);
@@ -45,53 +52,49 @@ impl fmt::Display for FoundHid {
     }
 }
 
-/// The HID devices that have an axis, by path.
+/// The HID devices that have an axis, by path. None is opened.
 #[must_use]
 pub fn hid_devices() -> Vec<FoundHid> {
-    hid_devices_in(Path::new("/sys"), Path::new("/dev"))
-}
-
-pub(super) fn hid_devices_in(sys: &Path, dev: &Path) -> Vec<FoundHid> {
-    let class = sys.join("class/hidraw");
-    let mut found: Vec<_> = names_in(&class)
+    let Ok(api) = HidApi::new() else {
+        return Vec::new();
+    };
+    // One entry for each collection of a device: they share a node.
+    let by_node: BTreeMap<_, _> = api
+        .device_list()
+        .filter_map(|info| Some((PathBuf::from(info.path().to_str().ok()?), info)))
+        .collect();
+    by_node
         .into_iter()
-        .filter_map(|node| {
-            let device = class.join(&node).join("device");
-            let descriptor = fs::read(device.join("report_descriptor")).ok()?;
-            let axes: Vec<_> = hid::axes(&descriptor).ok()?;
-            if axes.is_empty() {
-                return None;
-            }
-            let uevent = text(&device.join("uevent"));
-            let (vendor, product) = identity(value(&uevent, "HID_ID")?)?;
-            let path = dev.join(&node);
+        .filter_map(|(path, info)| {
+            let axes = axes(&fs::read(descriptor(&path)).ok()?)?;
             Some(FoundHid {
-                vendor,
-                product,
-                name: value(&uevent, "HID_NAME").unwrap_or_default().to_owned(),
-                axes: axes.iter().map(|axis| axis.usage.name()).collect(),
+                vendor: info.vendor_id(),
+                product: info.product_id(),
+                name: name(info),
+                serial_number: info.serial_number().unwrap_or_default().to_owned(),
+                axes,
                 permitted: is_permitted(&path),
                 path,
             })
         })
-        .collect();
-    found.sort_by(|a, b| a.path.cmp(&b.path));
-    found
+        .collect()
 }
 
-fn value<'a>(uevent: &'a str, key: &str) -> Option<&'a str> {
-    uevent.lines().find_map(|line| {
-        let (found, value) = line.split_once('=')?;
-        (found == key).then_some(value)
-    })
+/// Names of the axes of a descriptor, `None` when there is none.
+pub(super) fn axes(descriptor: &[u8]) -> Option<Vec<&'static str>> {
+    let axes = hid::axes(descriptor).ok()?;
+    (!axes.is_empty()).then(|| axes.iter().map(|axis| axis.usage.name()).collect())
 }
 
-/// `0003:00002341:00008036`: bus, vendor, product.
-fn identity(id: &str) -> Option<(u16, u16)> {
-    let mut parts = id.split(':').skip(1);
-    let mut next = || {
-        let number = u32::from_str_radix(parts.next()?, 16).ok()?;
-        u16::try_from(number).ok()
-    };
-    Some((next()?, next()?))
+/// Where sysfs keeps a node's descriptor: hidapi gives it for an opened device only, and a keyboard is not opened to be listed.
+fn descriptor(node: &Path) -> PathBuf {
+    Path::new("/sys/class/hidraw")
+        .join(node.file_name().unwrap_or_default())
+        .join("device/report_descriptor")
+}
+
+fn name(info: &DeviceInfo) -> String {
+    let [maker, product] =
+        [info.manufacturer_string(), info.product_string()].map(|text| text.unwrap_or_default());
+    format!("{maker} {product}").trim().to_owned()
 }

@@ -36,6 +36,38 @@ fn rules_give_access_to_exactly_the_serial_identities() {
 }
 
 #[test]
+fn rules_give_access_to_exactly_the_candlelights() {
+    let allowed = identities_in_rules(|line| line.contains("SUBSYSTEM==\"usb\""));
+    assert_eq!(
+        allowed,
+        identities(|identity| identity.attachment == Attachment::CandleLight)
+    );
+}
+
+#[test]
+fn an_adapter_is_shown_with_its_port_its_interface_and_the_rule_that_is_missing() {
+    let adapter = FoundAdapter {
+        vendor: 0x1D50,
+        product: 0x606F,
+        serial_number: "0039001B".to_owned(),
+        interface: Some(CanInterface {
+            name: "can0".to_owned(),
+            driver: "gs_usb".to_owned(),
+            up: true,
+        }),
+        permitted: false,
+    };
+    let shown = adapter.to_string();
+    let rule = udev_line("usb", 0x1D50, 0x606F);
+    for part in [
+        "gs_usb:0039001B  1d50:606f  candleLight, CANable  can0 in the kernel, up",
+        &rule,
+    ] {
+        assert!(shown.contains(part), "{shown}");
+    }
+}
+
+#[test]
 fn rules_mention_no_identity_that_is_not_known_here() {
     let all = identities_in_rules(|_| true);
     assert!(all.is_subset(&identities(|_| true)), "{all:x?}");
@@ -181,11 +213,13 @@ fn a_machine_without_any_of_it_has_none() {
 
 #[test]
 fn the_line_for_a_missing_permission_is_one_of_the_rules() {
-    for identity in IDENTITIES
-        .iter()
-        .filter(|identity| identity.attachment == Attachment::Serial)
-    {
-        let line = udev_line("tty", identity.vendor, identity.product);
+    for identity in IDENTITIES {
+        let subsystem = match identity.attachment {
+            Attachment::Serial => "tty",
+            Attachment::CandleLight => "usb",
+            Attachment::CanInterface => continue,
+        };
+        let line = udev_line(subsystem, identity.vendor, identity.product);
         assert!(RULES.lines().any(|rule| rule == line), "{line}");
     }
 }
@@ -231,10 +265,11 @@ fn port(path: &str, serial_number: &str) -> FoundPort {
 #[test]
 fn a_port_is_found_again_by_its_serial_number_under_another_name() {
     let (first, second) = (Path::new("/dev/ttyFT90"), Path::new("/dev/ttyFT91"));
-    let mut remembered = RememberedPort::new(first);
+    let mut remembered = RememberedPort::serial(first);
     let [mine, other] = ["A1", "B2"];
     let at = |path: &Path, serial: &str| port(path.to_str().unwrap(), serial);
-    let mut path = |ports: &[FoundPort]| remembered.path_among(ports);
+    let mut path =
+        |ports: &[FoundPort]| remembered.path_among(ports.iter().map(Into::into).collect());
     assert_eq!(path(&[at(first, mine), at(second, other)]).unwrap(), first);
     // Replugged in the other order.
     assert_eq!(path(&[at(first, other), at(second, mine)]).unwrap(), second);
@@ -250,40 +285,39 @@ fn a_port_is_found_again_by_its_serial_number_under_another_name() {
 #[test]
 fn a_port_without_a_serial_number_stays_at_its_name() {
     let first = Path::new("/dev/ttyFT90");
-    let mut remembered = RememberedPort::new(first);
+    let mut remembered = RememberedPort::serial(first);
     for found in [port("/dev/ttyFT90", ""), port("/dev/ttyFT91", "")] {
-        assert_eq!(remembered.path_among(&[found]).unwrap(), first);
+        assert_eq!(remembered.path_among(vec![(&found).into()]).unwrap(), first);
     }
 }
 
+/// A joystick with one axis, X.
+const JOYSTICK: [u8; 19] = [
+    0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x15, 0x00, 0x25, 0x7F, 0x75, 0x08, 0x95, 0x01,
+    0x81, 0x02, 0xC0,
+];
+
 #[test]
-fn a_hid_device_with_axes_is_found_and_one_without_is_not() {
-    let tree = Tree::new("hid");
-    let descriptor = [
-        0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x15, 0x00, 0x25, 0x7F, 0x75, 0x08, 0x95,
-        0x01, 0x81, 0x02, 0xC0,
-    ];
-    for (node, descriptor) in [
-        ("hidraw0", &descriptor[..]),
-        ("hidraw1", &[0xA1, 0x01, 0xC0]),
-    ] {
-        let device = format!("sys/class/hidraw/{node}/device");
-        tree.file(
-            &format!("{device}/uevent"),
-            "HID_ID=0003:00002341:00008036\nHID_NAME=Arduino Leonardo",
-        );
-        fs::write(tree.0.join(device).join("report_descriptor"), descriptor).unwrap();
-        tree.file(&format!("dev/{node}"), "");
-    }
-    let found = hid::hid_devices_in(&tree.0.join("sys"), &tree.0.join("dev"));
-    let [device] = found.as_slice() else {
-        panic!("{found:?}")
+fn a_descriptor_without_axes_is_no_encoder() {
+    assert_eq!(hid::axes(&JOYSTICK), Some(vec!["x"]));
+    assert_eq!(hid::axes(&[0xA1, 0x01, 0xC0]), None);
+    assert_eq!(hid::axes(&JOYSTICK[..12]), None);
+}
+
+#[test]
+fn a_hid_device_that_may_not_be_opened_shows_the_line_of_the_rules() {
+    let device = FoundHid {
+        path: PathBuf::from("/dev/hidraw7"),
+        vendor: 0x2341,
+        product: 0x8036,
+        name: "Arduino Leonardo".to_owned(),
+        serial_number: "A1".to_owned(),
+        axes: vec!["x"],
+        permitted: false,
     };
-    assert_eq!((device.vendor, device.product), (0x2341, 0x8036));
-    assert_eq!(device.axes, ["x"]);
     let shown = device.to_string();
-    assert!(
-        shown.contains("Arduino Leonardo  for hid_axis, axes x"),
-        "{shown}"
-    );
+    let rule = udev_line("hidraw", 0x2341, 0x8036);
+    for part in ["Arduino Leonardo  A1  for hid_axis, axes x", &rule] {
+        assert!(shown.contains(part), "{shown}");
+    }
 }

@@ -1,67 +1,72 @@
-//! HID devices through Linux's hidraw: one report per read, the descriptor from sysfs. No library is needed.
+//! HID devices by the `hidapi` crate, which on Linux reads hidraw without any library: one report per read.
 
-use std::fs::File;
-use std::io::{self, Read as _};
-use std::os::fd::OwnedFd;
-use std::path::{Path, PathBuf};
+use std::ffi::CString;
+use std::fs::{File, TryLockError};
+use std::io;
+use std::path::Path;
 use std::time::Duration;
 
 use ft_wire::HostTime;
 use ft_wire::hid::{MAX_REPORT, Report};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{FlockOperation, Mode, OFlags};
+use hidapi::{HidApi, HidDevice, HidError, MAX_REPORT_DESCRIPTOR_SIZE};
 use rustix::io::Errno;
 
 use crate::clock::{Clock, MonotonicClock};
+use crate::discover;
 use crate::hid_axis::HidFrame;
 use crate::link::{Link, LinkError, RxStamps};
 
-/// An open hidraw device. It delivers the report descriptor, then reports; nothing is ever sent to the device.
+/// Longest wait in one call of the system.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
+/// An open HID device. It delivers the report descriptor, then reports; nothing is ever sent to the device.
 ///
 /// Several programs may read one hidraw device; a lock on its node keeps a second one of ours away.
 #[derive(Debug)]
 pub struct HidrawLink {
-    file: File,
+    device: HidDevice,
+    _lock: File,
     name: String,
     clock: MonotonicClock,
     descriptor: Option<Box<[u8]>>,
     oversized: u64,
+    /// Whether that was told.
+    told: bool,
 }
 
 impl HidrawLink {
-    /// Opens `path`, such as `/dev/hidraw0`, and reads its descriptor.
+    /// Opens `path`, such as `/dev/hidraw0`, for reading and writing, and reads its descriptor.
     ///
     /// # Errors
-    /// It does not exist, is busy, is not permitted, or has no descriptor.
+    /// It does not exist, is busy, is not permitted, or is no HID device.
     pub fn open(path: &Path, clock: MonotonicClock) -> Result<Self, LinkError> {
         let port = path.display().to_string();
-        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let file = rustix::fs::open(path, flags, Mode::empty())
-            .map_err(|errno| open_error(&port, "open", errno))?;
-        rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive)
-            .map_err(|errno| open_error(&port, "flock", errno))?;
-        let descriptor_path = descriptor_path(path);
-        let descriptor = std::fs::read(&descriptor_path).map_err(|source| LinkError::Io {
-            call: "read report_descriptor",
-            port: port.clone(),
-            source,
-        })?;
-        Ok(Self::from_parts(file, port, descriptor.into(), clock))
-    }
-
-    fn from_parts(
-        file: OwnedFd,
-        name: String,
-        descriptor: Box<[u8]>,
-        clock: MonotonicClock,
-    ) -> Self {
-        Self {
-            file: File::from(file),
-            name,
-            clock,
-            descriptor: Some(descriptor),
-            oversized: 0,
+        let lock = locked(path, &port)?;
+        if !discover::is_permitted(path) {
+            return Err(LinkError::Denied { port });
         }
+        let failed = |call| {
+            let port = port.clone();
+            move |error| hid_error(call, port, error)
+        };
+        // hidapi wants text.
+        let node = path.to_str().and_then(|path| CString::new(path).ok());
+        let node = node.ok_or_else(|| LinkError::NotFound { port: port.clone() })?;
+        let api = HidApi::new().map_err(failed("list HID devices"))?;
+        let device = api.open_path(&node).map_err(failed("open"))?;
+        let mut descriptor = [0; MAX_REPORT_DESCRIPTOR_SIZE];
+        let length = device
+            .get_report_descriptor(&mut descriptor)
+            .map_err(failed("read the report descriptor"))?;
+        Ok(Self {
+            device,
+            _lock: lock,
+            name: port,
+            clock,
+            descriptor: descriptor.get(..length).map(Into::into),
+            oversized: 0,
+            told: false,
+        })
     }
 
     /// Reports that were longer than any that is read here, dropped.
@@ -70,82 +75,79 @@ impl HidrawLink {
         self.oversized
     }
 
-    fn error(&self, call: &'static str, source: io::Error) -> LinkError {
-        let port = self.name.clone();
-        match source.raw_os_error().map(Errno::from_raw_os_error) {
-            Some(Errno::NODEV | Errno::IO | Errno::NXIO) => LinkError::Gone { port },
-            _ => LinkError::Io { call, port, source },
-        }
+    fn stamped(&self, frame: HidFrame) -> (HidFrame, RxStamps) {
+        let arrival = self.clock.now();
+        (frame, RxStamps { arrival })
     }
 
-    /// Waits until there is something to read, at most until `deadline`; whether the deadline has passed.
-    fn is_over(&self, deadline: HostTime) -> Result<bool, LinkError> {
-        let left = deadline.saturating_since(self.clock.now());
-        if left.is_zero() {
-            return Ok(true);
-        }
-        let timeout = Timespec::try_from(left.min(Duration::from_secs(1))).unwrap_or_default();
-        let mut fds = [PollFd::new(&self.file, PollFlags::IN)];
-        match poll(&mut fds, Some(&timeout)) {
-            Ok(_) | Err(Errno::INTR) => Ok(false),
-            Err(errno) => Err(self.error("poll", errno.into())),
+    fn read_error(&self, error: HidError) -> LinkError {
+        match error {
+            // What hidapi makes of a poll that hung up: it has no other errors of its own here.
+            HidError::HidApiError { .. } => LinkError::Gone {
+                port: self.name.clone(),
+            },
+            error => hid_error("read", self.name.clone(), error),
         }
     }
 }
 
-/// Where sysfs keeps the descriptor of a node.
-fn descriptor_path(node: &Path) -> PathBuf {
-    let node = std::fs::canonicalize(node).unwrap_or_else(|_| node.to_owned());
-    Path::new("/sys/class/hidraw")
-        .join(node.file_name().unwrap_or_default())
-        .join("device/report_descriptor")
-}
-
-fn open_error(port: &str, call: &'static str, errno: Errno) -> LinkError {
+/// The node, locked against another link of ours.
+fn locked(path: &Path, port: &str) -> Result<File, LinkError> {
     let port = port.to_owned();
-    match errno {
-        Errno::NOENT => LinkError::NotFound { port },
-        Errno::ACCESS | Errno::PERM => LinkError::Denied { port },
-        Errno::WOULDBLOCK | Errno::BUSY => LinkError::Busy { port },
-        Errno::NODEV | Errno::NXIO => LinkError::Gone { port },
-        _ => LinkError::Io {
-            call,
-            port,
-            source: errno.into(),
-        },
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(source) => return Err(io_error("open", port, source)),
+    };
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(LinkError::Busy { port }),
+        Err(TryLockError::Error(source)) => Err(io_error("lock", port, source)),
     }
+}
+
+fn io_error(call: &'static str, port: String, source: io::Error) -> LinkError {
+    match source.raw_os_error().map(Errno::from_raw_os_error) {
+        Some(Errno::NOENT) => LinkError::NotFound { port },
+        Some(Errno::ACCESS | Errno::PERM) => LinkError::Denied { port },
+        Some(Errno::BUSY) => LinkError::Busy { port },
+        Some(Errno::NODEV | Errno::NXIO | Errno::IO) => LinkError::Gone { port },
+        _ => LinkError::Io { call, port, source },
+    }
+}
+
+fn hid_error(call: &'static str, port: String, error: HidError) -> LinkError {
+    let source = match error {
+        HidError::IoError { error } => error,
+        error => io::Error::other(error),
+    };
+    io_error(call, port, source)
+}
+
+/// Whole milliseconds until `deadline`, rounded up, at most [`LONGEST_WAIT`].
+fn wait_ms(left: Duration) -> i32 {
+    let left = left.min(LONGEST_WAIT).as_micros().div_ceil(1_000);
+    i32::try_from(left).unwrap_or(i32::MAX)
 }
 
 impl Link for HidrawLink {
     type Frame = HidFrame;
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(HidFrame, RxStamps)>, LinkError> {
-        let stamped = |frame, clock: &MonotonicClock| {
-            let arrival = clock.now();
-            Some((frame, RxStamps { arrival }))
-        };
         if let Some(descriptor) = self.descriptor.take() {
-            return Ok(stamped(HidFrame::Descriptor(descriptor), &self.clock));
+            return Ok(Some(self.stamped(HidFrame::Descriptor(descriptor))));
         }
         let mut bytes = [0; MAX_REPORT + 1];
         loop {
-            match self.file.read(&mut bytes) {
-                Ok(0) => {
-                    return Err(LinkError::Gone {
-                        port: self.name.clone(),
-                    });
-                }
-                Ok(len) => match Report::new(bytes.get(..len).unwrap_or_default()) {
-                    Some(report) => return Ok(stamped(HidFrame::Report(report), &self.clock)),
+            let left = deadline.saturating_since(self.clock.now());
+            match self.device.read_timeout(&mut bytes, wait_ms(left)) {
+                Ok(0) if left <= LONGEST_WAIT => return Ok(None),
+                Ok(0) => {}
+                Ok(length) => match Report::new(bytes.get(..length).unwrap_or_default()) {
+                    Some(report) => return Ok(Some(self.stamped(HidFrame::Report(report)))),
                     None => self.oversized += 1,
                 },
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    if self.is_over(deadline)? {
-                        return Ok(None);
-                    }
-                }
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(self.error("read", error)),
+                Err(HidError::IoError { error }) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.read_error(error)),
             }
         }
     }
@@ -153,61 +155,45 @@ impl Link for HidrawLink {
     fn send(&mut self, _frame: &HidFrame) -> Result<(), LinkError> {
         Ok(())
     }
+
+    fn take_notice(&mut self) -> Option<String> {
+        if self.oversized == 0 || core::mem::replace(&mut self.told, true) {
+            return None;
+        }
+        Some(format!(
+            "{}: reports longer than {MAX_REPORT} bytes come and are dropped",
+            self.name
+        ))
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::net::UnixDatagram;
-
     use super::*;
 
-    /// A socket that keeps reports apart, as hidraw does.
-    fn pair() -> (UnixDatagram, HidrawLink) {
-        let (device, host) = UnixDatagram::pair().unwrap();
-        host.set_nonblocking(true).unwrap();
-        let clock = MonotonicClock::anchored_now();
-        let link = HidrawLink::from_parts(host.into(), "hidraw".to_owned(), [5, 1].into(), clock);
-        (device, link)
-    }
-
-    #[test]
-    fn the_descriptor_comes_first_and_then_report_by_report() {
-        let (device, mut link) = pair();
-        device.send(&[3, 1]).unwrap();
-        device.send(&[3, 2, 3]).unwrap();
-        let deadline = link.clock.now() + Duration::from_millis(200);
-        let mut next = || link.recv(deadline).unwrap().unwrap().0;
-        assert_eq!(next(), HidFrame::Descriptor([5, 1].into()));
-        assert_eq!(next(), HidFrame::Report(Report::new(&[3, 1]).unwrap()));
-        assert_eq!(next(), HidFrame::Report(Report::new(&[3, 2, 3]).unwrap()));
-    }
-
-    #[test]
-    fn nothing_by_the_deadline_is_none_and_took_that_long() {
-        let (_device, mut link) = pair();
-        let began = link.clock.now();
-        assert!(link.recv(began).unwrap().is_some());
-        let deadline = began + Duration::from_millis(60);
-        assert!(link.recv(deadline).unwrap().is_none());
-        assert!(link.clock.now() >= deadline);
-    }
-
-    #[test]
-    fn a_report_that_is_too_long_is_dropped_and_counted() {
-        let (device, mut link) = pair();
-        device.send(&[7; MAX_REPORT + 1]).unwrap();
-        device.send(&[8]).unwrap();
-        let deadline = link.clock.now() + Duration::from_millis(200);
-        link.recv(deadline).unwrap();
-        let (frame, _) = link.recv(deadline).unwrap().unwrap();
-        assert_eq!(frame, HidFrame::Report(Report::new(&[8]).unwrap()));
-        assert_eq!(link.oversized(), 1);
+    fn open(path: &str) -> Result<HidrawLink, LinkError> {
+        HidrawLink::open(Path::new(path), MonotonicClock::anchored_now())
     }
 
     #[test]
     fn a_node_that_is_not_there_is_named() {
-        let clock = MonotonicClock::anchored_now();
-        let refused = HidrawLink::open(Path::new("/dev/hidraw_none"), clock);
+        let refused = open("/dev/hidraw_none");
         assert!(matches!(refused, Err(LinkError::NotFound { .. })));
+    }
+
+    #[test]
+    fn a_node_that_is_no_hid_device_is_refused() {
+        let refused = open("/dev/null").unwrap_err();
+        assert!(
+            matches!(&refused, LinkError::Io { call: "open", .. }),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
+    fn waits_are_never_shorter_than_asked_for() {
+        let waits =
+            [0, 1, 999, 1_000, 1_001, 5_000_000].map(|us| wait_ms(Duration::from_micros(us)));
+        assert_eq!(waits, [0, 1, 1, 1, 2, 1_000]);
     }
 }

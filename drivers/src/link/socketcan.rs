@@ -15,6 +15,7 @@ use socketcan::{
 };
 
 use crate::clock::{Clock, MonotonicClock};
+use crate::link::can_errors::{CanErrors, ErrorWatch};
 use crate::link::{Link, LinkError, RxStamps};
 
 /// Bits of `linux/can.h` and `linux/can/error.h`.
@@ -23,20 +24,6 @@ mod bits {
     pub(super) const EXTENDED: u32 = 0x8000_0000;
     pub(super) const REMOTE: u32 = 0x4000_0000;
     pub(super) const ALL_ERRORS: u32 = 0x1FFF_FFFF;
-    pub(super) const NO_ACKNOWLEDGE: u32 = 0x20;
-    pub(super) const BUS_OFF: u32 = 0x40;
-    pub(super) const RESTARTED: u32 = 0x100;
-}
-
-/// Error frames that came.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CanErrors {
-    /// All.
-    pub frames: u64,
-    /// A frame that we sent was not acknowledged.
-    pub no_acknowledge: u64,
-    /// The controller came back after bus-off.
-    pub restarted: u64,
 }
 
 /// An open CAN interface.
@@ -48,11 +35,9 @@ pub struct SocketCanLink {
     socket: CanSocket,
     interface: String,
     clock: MonotonicClock,
-    errors: CanErrors,
+    watch: ErrorWatch,
     foreign: u64,
     last_arrival: HostTime,
-    told: CanErrors,
-    tell_again_at: HostTime,
 }
 
 impl SocketCanLink {
@@ -92,18 +77,16 @@ impl SocketCanLink {
             socket,
             interface: interface.to_owned(),
             clock,
-            errors: CanErrors::default(),
+            watch: ErrorWatch::new(),
             foreign: 0,
             last_arrival: HostTime::EPOCH,
-            told: CanErrors::default(),
-            tell_again_at: HostTime::EPOCH,
         })
     }
 
     /// Error frames so far.
     #[must_use]
     pub const fn errors(&self) -> CanErrors {
-        self.errors
+        self.watch.errors
     }
 
     /// Remote frames so far, which no device here uses.
@@ -152,42 +135,10 @@ impl SocketCanLink {
                 Ok(None)
             }
             KernelFrame::Error(error) => {
-                self.errors.count(error.error_bits(), &self.interface)?;
+                self.watch.count(error.error_bits(), &self.interface)?;
                 Ok(None)
             }
         }
-    }
-}
-
-/// Least time between two notices of errors on the bus.
-const TELL_EVERY: Duration = Duration::from_secs(5);
-
-impl CanErrors {
-    /// The errors since `told`, for people; `None` when there are none.
-    fn since(self, told: Self, interface: &str) -> Option<String> {
-        let fresh = self.frames.saturating_sub(told.frames);
-        let unacknowledged = self.no_acknowledge - told.no_acknowledge;
-        let restarted = self.restarted - told.restarted;
-        (fresh > 0).then(|| {
-            format!(
-                "{interface}: {fresh} error frames ({unacknowledged} not acknowledged, {restarted} restarts after bus-off), \
-                 {} in all: check bit rate, termination and wiring",
-                self.frames
-            )
-        })
-    }
-
-    /// Counts an error frame of these classes; bus-off ends the link.
-    fn count(&mut self, classes: u32, interface: &str) -> Result<(), LinkError> {
-        self.frames += 1;
-        self.no_acknowledge += u64::from(classes & bits::NO_ACKNOWLEDGE != 0);
-        self.restarted += u64::from(classes & bits::RESTARTED != 0);
-        if classes & bits::BUS_OFF != 0 {
-            return Err(LinkError::BusOff {
-                port: interface.to_owned(),
-            });
-        }
-        Ok(())
     }
 }
 
@@ -254,16 +205,7 @@ impl Link for SocketCanLink {
     }
 
     fn take_notice(&mut self) -> Option<String> {
-        if self.errors == self.told {
-            return None;
-        }
-        let now = self.clock.now();
-        if now < self.tell_again_at {
-            return None;
-        }
-        self.tell_again_at = now + TELL_EVERY;
-        let told = core::mem::replace(&mut self.told, self.errors);
-        self.errors.since(told, &self.interface)
+        self.watch.notice(self.clock.now(), &self.interface)
     }
 }
 

@@ -8,7 +8,7 @@ use ft_wire::dynamixel2::{self, Packet, Params, PresentState, StatusError};
 use ft_wire::pose_stream::{self, PoseSample};
 use ft_wire::robotous_rft::{self, CanIds, Half, Record, Response};
 use ft_wire::{
-    CanFrame, amt21, ati_netcanoem, bota_serial, encoder_line, hid, kunwei_kwr75, leptrino,
+    CanFrame, amt21, ati_netcanoem, bota_serial, encoder_line, gs_usb, hid, kunwei_kwr75, leptrino,
     optoforce_hex,
 };
 
@@ -185,4 +185,11 @@ fn pose_stream_decode(bencher: Bencher<'_, '_>) {
 #[divan::bench]
 fn pose_stream_encode(bencher: Bencher<'_, '_>) {
     bencher.bench(|| pose_stream::encode(black_box(&POSE)));
+}
+
+#[divan::bench]
+fn gs_usb_decode(bencher: Bencher<'_, '_>) {
+    let frame = CanFrame::standard(1, &[0x0B; 8]).expect("eight bytes fit");
+    let transfer = gs_usb::encode(u32::MAX, 0, &frame);
+    bencher.bench(|| gs_usb::HostFrame::decode(black_box(&transfer), gs_usb::Stamps::Absent));
 }

@@ -26,6 +26,7 @@ pub mod dynamixel2;
 pub mod encoder_line;
 pub mod error;
 pub mod frames;
+pub mod gs_usb;
 pub mod hid;
 pub mod kunwei_kwr75;
 pub mod leptrino;

@@ -61,6 +61,9 @@ enum Command {
         /// The device's side of a USB gadget for a serial device, such as ft_sensor=/dev/ttyGS0; may be given several times.
         #[arg(long, value_name = "DEVICE=TTY", value_parser = gadget)]
         gadget: Vec<(String, PathBuf)>,
+        /// A mounted FunctionFS for a device on CAN, such as ft_sensor=/run/candle: a candleLight adapter; may be given several times.
+        #[arg(long, value_name = "DEVICE=FOLDER", value_parser = gadget)]
+        candlelight: Vec<(String, PathBuf)>,
         /// Writes what is really so into this file (JSON); an existing one is refused.
         #[arg(long, value_name = "FILE")]
         truth: Option<PathBuf>,
@@ -106,11 +109,11 @@ fn probability(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("{text:?} is not a number from 0 to 1"))
 }
 
-/// `ft_sensor=/dev/ttyGS0`.
+/// `ft_sensor=/dev/ttyGS0`, `ft_sensor=/run/candle`.
 fn gadget(text: &str) -> Result<(String, PathBuf), String> {
     let (device, tty) = text
         .split_once('=')
-        .ok_or_else(|| format!("{text:?} is not DEVICE=TTY"))?;
+        .ok_or_else(|| format!("{text:?} is not DEVICE=PATH"))?;
     Ok((device.to_owned(), PathBuf::from(tty)))
 }
 
@@ -137,6 +140,7 @@ fn main() -> ExitCode {
             duration,
             vcan,
             gadget,
+            candlelight,
             truth,
         } => Scenario::load(&scenario)
             .map(|scenario| with_devices(scenario, sensor.as_deref(), gripper.as_deref()))
@@ -145,8 +149,11 @@ fn main() -> ExitCode {
                 _ => failed(&error),
             })
             .and_then(|scenario| {
-                let gadgets = gadget.into_iter().collect();
-                let options = ServeOptions { vcan, gadgets };
+                let options = ServeOptions {
+                    vcan,
+                    gadgets: gadget.into_iter().collect(),
+                    candlelights: candlelight.into_iter().collect(),
+                };
                 serve(&scenario, seed, duration, options, truth)
             }),
     };
@@ -291,6 +298,7 @@ fn print_ports(scenario: &Scenario, server: &Server) {
             Port::Pty(path) => path.display().to_string(),
             Port::Gadget(path) => format!("the host's side of {}", path.display()),
             Port::SocketCan(interface) => interface.clone(),
+            Port::CandleLight(path) => format!("the candleLight of {}", path.display()),
             _ => "not reachable: give --vcan INTERFACE".to_owned(),
         };
         let bus = match served.fitted.bus {

@@ -18,12 +18,15 @@ pub(crate) fn devices() -> CommandResult {
     for interface in &found.interfaces {
         say(&interface.to_string())?;
     }
+    for adapter in &found.adapters {
+        say(&adapter.to_string())?;
+    }
     for hid in &found.hids {
         say(&hid.to_string())?;
     }
     if found.is_empty() {
         say(
-            "no serial port with a USB identity, no CAN interface and no HID device with an axis is there",
+            "no serial port with a USB identity, no CAN interface or adapter and no HID device with an axis is there",
         )?;
         say("(a simulated gripper needs none: ft-capture --sim)")?;
     }

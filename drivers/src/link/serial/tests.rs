@@ -38,6 +38,24 @@ fn bytes_go_both_ways_on_a_pty_at_any_bit_rate() {
 }
 
 #[test]
+fn a_converter_that_collects_bytes_is_warned_about_once() {
+    let (_far, path) = pty();
+    let mut link = SerialLink::open(&path, 115_200, MonotonicClock::anchored_now()).unwrap();
+    link.latency_timer_ms = Some(16);
+    let told = link.take_notice().unwrap();
+    assert!(
+        told.contains("latency timer is 16 ms") && told.contains("udev/"),
+        "{told}"
+    );
+    assert_eq!(link.take_notice(), None);
+    // The least that there is needs no word.
+    let (_far, path) = pty();
+    let mut quick = SerialLink::open(&path, 115_200, MonotonicClock::anchored_now()).unwrap();
+    quick.latency_timer_ms = Some(1);
+    assert_eq!(quick.take_notice(), None);
+}
+
+#[test]
 fn silence_ends_at_the_deadline() {
     let clock = MonotonicClock::anchored_now();
     let (_far, path) = pty();

@@ -20,44 +20,6 @@ fn each_error_of_the_system_gets_its_advice() {
 }
 
 #[test]
-fn error_frames_are_counted_by_class_and_bus_off_ends_the_link() {
-    let mut errors = CanErrors::default();
-    for classes in [0x20, 0x04, 0x100 | 0x20] {
-        errors.count(classes, "can0").unwrap();
-    }
-    assert_eq!(
-        errors,
-        CanErrors {
-            frames: 3,
-            no_acknowledge: 2,
-            restarted: 1
-        }
-    );
-    assert!(matches!(
-        errors.count(0x40, "can0"),
-        Err(LinkError::BusOff { .. })
-    ));
-}
-
-#[test]
-fn errors_on_the_bus_are_told_with_what_is_new_and_all() {
-    let mut errors = CanErrors::default();
-    assert_eq!(errors.since(CanErrors::default(), "can0"), None);
-    for classes in [0x20, 0x04] {
-        errors.count(classes, "can0").unwrap();
-    }
-    let told = errors;
-    errors.count(0x100, "can0").unwrap();
-    assert_eq!(
-        errors.since(told, "can0").as_deref(),
-        Some(
-            "can0: 1 error frames (0 not acknowledged, 1 restarts after bus-off), 3 in all: check bit rate, termination \
-             and wiring"
-        )
-    );
-}
-
-#[test]
 fn an_interface_that_is_not_there_is_an_error_and_no_panic() {
     let missing = SocketCanLink::open("can-none", &[1, 2], MonotonicClock::anchored_now());
     assert!(

@@ -1,0 +1,129 @@
+//! candleLight adapters: a device of FunctionFS, its host frames through libusb.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use ft_drivers::discover;
+use ft_drivers::link::can_port::CanPort;
+use ft_drivers::{LinkError, MonotonicClock};
+use ft_sim_hw::ServeOptions;
+
+use crate::Case;
+use crate::gadget::Gadget;
+use crate::hear::Played;
+use crate::machine::{load, run, wait_for};
+
+pub(crate) const CASES: &[Case] = &[
+    ("candle_is_ours_alone", candle_is_ours_alone),
+    (
+        "candle_two_of_a_kind_are_told_apart",
+        candle_two_of_a_kind_are_told_apart,
+    ),
+];
+
+const CANDLELIGHT: (u16, u16) = (0x1D50, 0x606F);
+/// For the host to notice a device.
+const LONGEST: Duration = Duration::from_secs(15);
+
+/// A simulated gripper whose sensor is behind an adapter of its own.
+pub(crate) struct Plugged {
+    played: Option<Played>,
+    pub(crate) gadget: Gadget,
+    folder: PathBuf,
+    serial_number: &'static str,
+}
+
+impl Drop for Plugged {
+    /// The adapter's threads end once it is unplugged and nobody serves it; only then may its function go.
+    fn drop(&mut self) {
+        self.gadget.unplug();
+        self.played = None;
+        wait_for("the FunctionFS to be free", LONGEST, || {
+            let ended = Command::new("umount").arg(&self.folder).output();
+            ended.is_ok_and(|output| output.status.success())
+        });
+    }
+}
+
+impl Plugged {
+    pub(crate) fn new(socket: usize, serial_number: &'static str) -> Self {
+        load("usb_f_fs");
+        let (vendor, product) = CANDLELIGHT;
+        let gadget = Gadget::new(socket, vendor, product, serial_number);
+        gadget.add(&format!("ffs.{serial_number}"));
+        let folder = Path::new("/run").join(serial_number);
+        std::fs::create_dir_all(&folder).unwrap();
+        run(&format!(
+            "mount -t functionfs {serial_number} {}",
+            folder.display()
+        ));
+        let options = ServeOptions {
+            candlelights: [("ft_sensor".to_owned(), folder.clone())].into(),
+            ..ServeOptions::default()
+        };
+        let played = Played::with_sensor("robotous_can", 200.0, options, |_| {
+            format!("gs_usb:{serial_number}")
+        });
+        let plugged = Self {
+            played: Some(played),
+            gadget,
+            folder,
+            serial_number,
+        };
+        plugged.plug_in();
+        plugged
+    }
+
+    pub(crate) fn plug_in(&self) {
+        self.gadget.plug_in();
+        wait_for("the host's adapter", LONGEST, || self.is_there());
+    }
+
+    fn is_there(&self) -> bool {
+        let mut adapters = discover::can_adapters().into_iter();
+        adapters.any(|adapter| adapter.serial_number == self.serial_number)
+    }
+
+    fn played(&self) -> &Played {
+        self.played.as_ref().unwrap()
+    }
+
+    fn weighs_the_tool(&self, samples: usize) {
+        self.played().weighs_the_tool(samples).is_nearly_whole();
+    }
+}
+
+fn open(port: &str) -> Result<CanPort, LinkError> {
+    CanPort::open(port, &[], MonotonicClock::anchored_now())
+}
+
+fn candle_is_ours_alone() {
+    let _plugged = Plugged::new(0, "LABCANDLE");
+    let _first = open("gs_usb:LABCANDLE").unwrap();
+    let second = open("gs_usb:LABCANDLE");
+    assert!(matches!(second, Err(LinkError::Busy { .. })), "{second:?}");
+}
+
+fn candle_two_of_a_kind_are_told_apart() {
+    let pair = [Plugged::new(0, "LABCANDLEA"), Plugged::new(1, "LABCANDLEB")];
+    let either = open("gs_usb:");
+    assert!(
+        matches!(either, Err(LinkError::Ambiguous { count: 2, .. })),
+        "{either:?}"
+    );
+    pair[1].weighs_the_tool(50);
+    for plugged in &pair {
+        plugged.gadget.unplug();
+    }
+    // The other order: the serial number is what counts.
+    pair[1].plug_in();
+    let absent = open("gs_usb:LABCANDLEA");
+    assert!(
+        matches!(absent, Err(LinkError::NotFound { .. })),
+        "{absent:?}"
+    );
+    pair[0].plug_in();
+    pair[0].weighs_the_tool(50);
+    pair[1].weighs_the_tool(50);
+}
