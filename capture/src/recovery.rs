@@ -8,8 +8,7 @@
 //!                                know yet); the reply: the oldest number that the publisher has, u32 little endian
 //! ```
 //!
-//! The first two are those of zenoh-ext (advanced publisher and subscriber, 1.10): its subscribers recover from us, and we
-//! from its publishers. The third is ours: it tells a publisher that ends whom it has to wait for, and a recorder what it need
+//! The first two are those of zenoh-ext (advanced publisher and subscriber, 1.10). The third is ours: it tells a publisher that ends whom it has to wait for, and a recorder what it need
 //! not ask for any more.
 
 use zenoh::query::Parameters;

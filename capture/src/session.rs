@@ -21,6 +21,7 @@ use crate::summary::Summary;
 pub mod control;
 pub mod link_loop;
 pub mod live;
+pub mod outlets;
 mod publisher;
 mod recorder;
 pub mod replay;

@@ -13,6 +13,7 @@ mod gadget;
 mod hear;
 mod hid;
 mod machine;
+mod netem;
 mod serial;
 mod service;
 mod udev;
@@ -32,6 +33,7 @@ fn main() {
         udev::CASES,
         service::CASES,
         candle::CASES,
+        netem::CASES,
     ];
     let all = groups.into_iter().flatten();
     for (name, case) in all.filter(|(name, _)| only.split(',').any(|part| name.contains(part))) {

@@ -57,6 +57,7 @@ cases! {
     service_comes_back_after_bus_off_and_a_downed_bus
     candle_is_ours_alone
     candle_two_of_a_kind_are_told_apart
+    network_that_delays_loses_and_reorders_costs_no_sample
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError};
+use crossbeam_channel::Receiver;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_recording::message::{Message, TFMessage};
 use ft_wire::HostTime;
@@ -15,19 +15,17 @@ use zenoh::query::Queryable;
 
 use super::control::{self, Commands};
 use super::live::Surroundings;
+use super::outlets::{self, Outlets};
 use super::{Plan, SessionError, spawn};
-use crate::encode::{Encoder, Topic, static_transforms};
+use crate::encode::{Topic, static_transforms};
 use crate::foxglove;
 use crate::item::Item;
-use crate::live::{Hub, Sample};
+use crate::live::Hub;
 use crate::network;
 use crate::queues::Queues;
 use crate::sink::SinkError;
 use crate::sink::zenoh::ZenohSink;
 use crate::web::{self, Server};
-
-/// How long the publisher sleeps when nothing comes.
-const QUIET: Duration = Duration::from_millis(20);
 
 /// How long recorders on other machines may still ask for what they missed.
 const SETTLE: Duration = Duration::from_secs(10);
@@ -40,14 +38,6 @@ pub(super) struct Publisher {
     zenoh: Option<(zenoh::Session, Vec<Queryable<()>>)>,
     /// Gives the number of messages that Zenoh refused, and the publishers with what they keep.
     thread: Option<JoinHandle<(u64, Outlets)>>,
-}
-
-/// What the publisher thread feeds.
-#[derive(Debug)]
-struct Outlets {
-    encoder: Encoder,
-    zenoh: Option<ZenohSink>,
-    hub: Option<Arc<Hub>>,
 }
 
 impl Publisher {
@@ -84,13 +74,9 @@ impl Publisher {
             queues.close_publisher();
             return Ok(publisher);
         }
-        let outlets = Outlets {
-            encoder: Encoder::default(),
-            zenoh: sink,
-            hub: publisher.hub.clone(),
-        };
+        let outlets = Outlets::new(sink, publisher.hub.clone());
         publisher.thread = Some(spawn("ft-publisher", move || {
-            publish_until_closed(outlets, &items, clock)
+            outlets.publish_until_closed(&items, clock)
         })?);
         Ok(publisher)
     }
@@ -134,7 +120,7 @@ impl Publisher {
         let hub = Arc::new(Hub::new("this program"));
         let mut payload = Vec::new();
         transforms.encode(&mut payload);
-        hub.take(&sample(Topic::TfStatic, &payload, clock.now()));
+        hub.take(&outlets::sample(Topic::TfStatic, &payload, clock.now()));
         if let Some(address) = settings.view {
             let (hub, operator) = (Arc::clone(&hub), Arc::new(commands.clone()));
             let server = web::serve_page(hub, operator, address, settings.token.clone())?;
@@ -170,9 +156,7 @@ impl Publisher {
                 if refused > 0 {
                     surroundings.log(&format!("{refused} messages could not be published"));
                 }
-                if let Some(sink) = &mut outlets.zenoh {
-                    sink.settle(clock, SETTLE);
-                }
+                outlets.settle(clock, SETTLE);
             }
             Some(Err(_)) => surroundings.log("the publisher thread panicked: please report this"),
         }
@@ -182,56 +166,5 @@ impl Publisher {
             // Closing only tells the others; a failure leaves nothing behind here.
             let _ = session.close().wait();
         }
-    }
-}
-
-impl Outlets {
-    fn take(&mut self, item: &Item) -> Result<(), SinkError> {
-        let Self {
-            encoder,
-            zenoh,
-            hub,
-        } = self;
-        encoder.encode(item, |topic, payload| {
-            if let Some(hub) = hub {
-                hub.take(&sample(topic, payload, item.sample_time));
-            }
-            zenoh
-                .as_mut()
-                .map_or(Ok(()), |sink| sink.put(topic, payload, item.sample_time))
-        })
-    }
-
-    fn tick(&mut self, now: HostTime) -> Result<(), SinkError> {
-        if let Some(hub) = &self.hub {
-            hub.tick(now);
-        }
-        self.zenoh.as_mut().map_or(Ok(()), |sink| sink.tick(now))
-    }
-}
-
-fn sample(topic: Topic, payload: &[u8], at: HostTime) -> Sample<'_> {
-    Sample {
-        topic: topic.name(),
-        type_name: topic.message_type().0,
-        payload,
-        at,
-        numbered: None,
-    }
-}
-
-fn publish_until_closed(
-    mut outlets: Outlets,
-    items: &Receiver<Item>,
-    clock: MonotonicClock,
-) -> (u64, Outlets) {
-    let mut refused = 0;
-    loop {
-        let taken = match items.recv_timeout(QUIET) {
-            Ok(item) => outlets.take(&item),
-            Err(RecvTimeoutError::Timeout) => Ok(()),
-            Err(RecvTimeoutError::Disconnected) => return (refused, outlets),
-        };
-        refused += u64::from(taken.is_err()) + u64::from(outlets.tick(clock.now()).is_err());
     }
 }

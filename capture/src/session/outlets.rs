@@ -1,0 +1,97 @@
+//! What the publisher thread does: encodes each item once, for the network and for this program's own viewers.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, RecvTimeoutError};
+use ft_drivers::{Clock, MonotonicClock};
+use ft_wire::HostTime;
+
+use crate::encode::{Encoder, Topic};
+use crate::item::Item;
+use crate::live::{Hub, Sample};
+use crate::sink::SinkError;
+use crate::sink::zenoh::ZenohSink;
+
+/// How long the publisher sleeps when nothing comes.
+const QUIET: Duration = Duration::from_millis(20);
+
+/// Where items go.
+#[derive(Debug)]
+pub struct Outlets {
+    encoder: Encoder,
+    zenoh: Option<ZenohSink>,
+    hub: Option<Arc<Hub>>,
+}
+
+impl Outlets {
+    /// To the network and to viewers, as far as there are any.
+    #[must_use]
+    pub fn new(zenoh: Option<ZenohSink>, hub: Option<Arc<Hub>>) -> Self {
+        Self {
+            encoder: Encoder::default(),
+            zenoh,
+            hub,
+        }
+    }
+
+    /// Publishes what comes until nobody sends any more. The messages that were refused, and the outlets: what they keep may
+    /// still be asked for.
+    #[must_use]
+    pub fn publish_until_closed(
+        mut self,
+        items: &Receiver<Item>,
+        clock: MonotonicClock,
+    ) -> (u64, Self) {
+        let mut refused = 0;
+        loop {
+            let taken = match items.recv_timeout(QUIET) {
+                Ok(item) => self.take(&item),
+                Err(RecvTimeoutError::Timeout) => Ok(()),
+                Err(RecvTimeoutError::Disconnected) => return (refused, self),
+            };
+            refused += u64::from(taken.is_err()) + u64::from(self.tick(clock.now()).is_err());
+        }
+    }
+
+    /// Waits for recorders: [`ZenohSink::settle`].
+    pub(super) fn settle(&mut self, clock: MonotonicClock, longest: Duration) {
+        if let Some(sink) = &mut self.zenoh {
+            sink.settle(clock, longest);
+        }
+    }
+
+    fn take(&mut self, item: &Item) -> Result<(), SinkError> {
+        let Self {
+            encoder,
+            zenoh,
+            hub,
+        } = self;
+        encoder.encode(item, |topic, payload| {
+            let put = zenoh
+                .as_mut()
+                .map_or(Ok(()), |sink| sink.put(topic, payload, item.sample_time));
+            if let Some(hub) = hub {
+                hub.take(&sample(topic, payload, item.sample_time));
+            }
+            put
+        })
+    }
+
+    fn tick(&mut self, now: HostTime) -> Result<(), SinkError> {
+        if let Some(hub) = &self.hub {
+            hub.tick(now);
+        }
+        self.zenoh.as_mut().map_or(Ok(()), |sink| sink.tick(now))
+    }
+}
+
+pub(super) fn sample(topic: Topic, payload: &[u8], at: HostTime) -> Sample<'_> {
+    Sample {
+        topic: topic.name(),
+        type_name: topic.message_type().0,
+        payload,
+        at,
+        numbered: None,
+    }
+}
