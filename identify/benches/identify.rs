@@ -1,10 +1,12 @@
-//! Seconds per recorded minute: the whole identification of a recording in memory, and its parts.
+//! Seconds per recorded minute: the whole identification of a recording in memory; and nanoseconds per effort of its twin,
+//! beside what the memory itself takes for the same bytes.
 
 #[path = "../tests/synthetic/mod.rs"]
 mod synthetic;
 
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::identify_loaded;
+use ft_identify::twin::Evaluator;
 use synthetic::Scene;
 
 fn main() {
@@ -24,28 +26,115 @@ fn identify(bencher: divan::Bencher, seconds: u32) {
     });
 }
 
-/// One effort of a twin with a spline mechanism, states all over its domain.
-#[divan::bench(sample_size = 10000)]
-fn twin_effort(bencher: divan::Bencher) {
+/// The evaluator of an identified twin, with its spline mechanism and without named effects.
+fn evaluator() -> Evaluator {
     let recording = Scene::door().record();
     let found = identify_loaded(&recording, &MotionSettings::default(), &mut |_| {});
-    let Some(mut twin) = found.ok().and_then(|found| found.twin) else {
-        return;
-    };
+    let twin = found.ok().and_then(|found| found.twin);
+    let mut twin = twin.unwrap_or_else(|| panic!("the scene has no twin"));
     twin.effects.clear();
-    let evaluator = twin.evaluator();
-    let [[low, high], [slowest, fastest]] = [evaluator.domain().q, evaluator.domain().dq];
-    let mut at = 0_u32;
+    twin.evaluator()
+}
+
+/// States all over the domain: q, dq, ddq.
+fn states(evaluator: &Evaluator, count: u32) -> [Vec<f64>; 3] {
+    let [q, dq] = [evaluator.domain().q, evaluator.domain().dq];
+    let within =
+        |[low, high]: [f64; 2], share: u32| low + (high - low) * f64::from(share) / 65535.0;
+    let at: Vec<u32> = (1..=count).map(|k| k.wrapping_mul(0x9e37_79b9)).collect();
+    [
+        at.iter().map(|at| within(q, at & 0xffff)).collect(),
+        at.iter().map(|at| within(dq, at >> 16)).collect(),
+        at.iter()
+            .map(|at| within([-3.0, 3.0], at >> 8 & 0xffff))
+            .collect(),
+    ]
+}
+
+/// One effort after the other, each at another place.
+#[divan::bench(sample_size = 10000)]
+fn twin_effort(bencher: divan::Bencher) {
+    let evaluator = evaluator();
+    let [q, dq, ddq] = states(&evaluator, 65536);
+    let mut at = 0;
     bencher.bench_local(|| {
-        at = at.wrapping_add(0x9e37_79b9);
-        let (u, v) = (
-            f64::from(at & 0xffff) / 65535.0,
-            f64::from(at >> 16) / 65535.0,
-        );
-        evaluator.effort(
-            low + u * (high - low),
-            slowest + v * (fastest - slowest),
-            0.3,
-        )
+        at = (at + 1) & 0xffff;
+        evaluator.effort(q[at], dq[at], ddq[at])
     });
+}
+
+const MILLION: usize = 1_000_000;
+
+/// A million efforts in arrays that are there already; by so many threads.
+#[divan::bench(args = [1, 2])]
+fn twin_efforts_of_a_million(bencher: divan::Bencher, threads: usize) {
+    let evaluator = evaluator();
+    let [q, dq, ddq] = states(&evaluator, MILLION as u32);
+    let mut out = vec![0.0; MILLION];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(MILLION));
+    bencher.bench_local(|| {
+        each(threads, [&q, &dq, &ddq], &mut out, |[q, dq, ddq], out| {
+            evaluator.efforts(q, dq, ddq, out).is_ok()
+        })
+    });
+}
+
+/// The same bytes in and out with nothing computed but their sum: what the memory gives.
+#[divan::bench(args = [1, 2])]
+fn sums_of_a_million(bencher: divan::Bencher, threads: usize) {
+    let [q, dq, ddq] = [1.0, 2.0, 3.0].map(|value| vec![value; MILLION]);
+    let mut out = vec![0.0; MILLION];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(MILLION));
+    bencher.bench_local(|| each(threads, [&q, &dq, &ddq], &mut out, sum));
+}
+
+/// The same where no cache holds the arrays: a million after the other of 32 million states.
+#[divan::bench(args = [1, 2], sample_count = 20)]
+fn twin_efforts_from_memory(bencher: divan::Bencher, threads: usize) {
+    let evaluator = evaluator();
+    let [q, dq, ddq] = states(&evaluator, 32 * MILLION as u32);
+    let mut out = vec![0.0; 32 * MILLION];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(32 * MILLION));
+    bencher.bench_local(|| {
+        each(threads, [&q, &dq, &ddq], &mut out, |[q, dq, ddq], out| {
+            evaluator.efforts(q, dq, ddq, out).is_ok()
+        })
+    });
+}
+
+/// [`sums_of_a_million`] of as many as [`twin_efforts_from_memory`].
+#[divan::bench(args = [1, 2], sample_count = 20)]
+fn sums_from_memory(bencher: divan::Bencher, threads: usize) {
+    let [q, dq, ddq] = [1.0, 2.0, 3.0].map(|value| vec![value; 32 * MILLION]);
+    let mut out = vec![0.0; 32 * MILLION];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(32 * MILLION));
+    bencher.bench_local(|| each(threads, [&q, &dq, &ddq], &mut out, sum));
+}
+
+fn sum([q, dq, ddq]: [&[f64]; 3], out: &mut [f64]) -> bool {
+    for (((out, q), dq), ddq) in out.iter_mut().zip(q).zip(dq).zip(ddq) {
+        *out = q + dq + ddq;
+    }
+    true
+}
+
+/// Gives each of `threads` its share of the states.
+fn each(
+    threads: usize,
+    states: [&Vec<f64>; 3],
+    out: &mut [f64],
+    work: impl Fn([&[f64]; 3], &mut [f64]) -> bool + Sync,
+) -> bool {
+    let share = out.len() / threads;
+    if threads == 1 {
+        return work(states.map(Vec::as_slice), out);
+    }
+    std::thread::scope(|scope| {
+        for (i, out) in out.chunks_mut(share).enumerate() {
+            let work = &work;
+            let part = states.map(|all| &all[i * share..i * share + out.len()]);
+            scope.spawn(move || work(part, out));
+        }
+    });
+    true
 }

@@ -5,8 +5,9 @@
 
 mod check;
 mod evaluator;
+mod pieces;
 
-pub use evaluator::{Evaluator, Outside, Terms};
+pub use evaluator::{Each, Evaluator, LengthError, Outside, Terms};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -121,7 +122,7 @@ pub struct TwinMechanism {
     pub kind: String,
     /// g(q).
     pub load: Spline,
-    /// c(q, |dq|) for dq >= 0 and for dq < 0.
+    /// c(q, |dq|) for dq >= 0 and for dq < 0, cut into the same pieces.
     pub damping: [SurfaceSpline; 2],
 }
 
@@ -132,7 +133,7 @@ pub struct Spline {
     pub interval: [f64; 2],
     /// Number of pieces.
     pub pieces: usize,
-    /// Degree.
+    /// Degree, at most 3.
     pub degree: usize,
     /// One coefficient per function.
     pub coefficients: Vec<f64>,
@@ -147,7 +148,7 @@ pub struct SurfaceSpline {
     pub interval_sqrt_speed: [f64; 2],
     /// Pieces over q and over sqrt(|dq|).
     pub pieces: [usize; 2],
-    /// Degrees over q and over sqrt(|dq|).
+    /// Degrees over q, at most 2, and over sqrt(|dq|), at most 1.
     pub degree: [usize; 2],
     /// Coefficients.
     pub coefficients: Vec<f64>,
@@ -512,8 +513,42 @@ mod tests {
         // Across rest the Coulomb friction would jump by more than a newton metre over a thousandth of the range.
         assert!(evaluator.gradient(0.4, 1e-6)[1] < 20.0);
         assert_eq!(evaluator.outside(0.4, 0.1), None);
+        assert_eq!(evaluator.outside(f64::NAN, 0.1), Some(Outside::Coordinate));
         assert_eq!(evaluator.outside(3.0, 0.1), Some(Outside::Coordinate));
         assert_eq!(evaluator.outside(0.4, 30.0), Some(Outside::Velocity));
+    }
+
+    #[test]
+    fn many_efforts_at_once_are_those_one_by_one() {
+        // More than a block of states and not a whole number of blocks; named effects too; either sense.
+        let (twin, _) = shared();
+        let states: Vec<[f64; 3]> = (0..333)
+            .map(|k| {
+                let t = f64::from(k);
+                [
+                    0.4 + 0.7 * t.sin(),
+                    1.2 * (0.7 * t).cos(),
+                    3.0 * (1.3 * t).sin(),
+                ]
+            })
+            .chain([[0.3, 0.0, 1.0], [f64::NAN, 0.2, 0.0], [0.2, f64::NAN, 0.0]])
+            .collect();
+        let of = |i: usize| -> Vec<f64> { states.iter().map(|state| state[i]).collect() };
+        for twin in [twin.clone(), twin.in_coordinate(true, 0.3)] {
+            let evaluator = twin.evaluator();
+            let mut out = vec![0.0; states.len()];
+            evaluator.efforts(&of(0), &of(1), &of(2), &mut out).unwrap();
+            for ([q, dq, ddq], effort) in states.iter().zip(&out) {
+                let one = evaluator.effort(*q, *dq, *ddq);
+                assert!((one - effort).abs() < 1e-12 || (one.is_nan() && effort.is_nan()));
+            }
+            evaluator.efforts(&of(0), 0.4, 0.0, &mut out).unwrap();
+            assert!((out[7] - evaluator.effort(states[7][0], 0.4, 0.0)).abs() < 1e-12);
+            let wrong = evaluator
+                .efforts(0.1, &of(1)[1..], 0.0, &mut out)
+                .unwrap_err();
+            assert_eq!((wrong.name, wrong.expected, wrong.got), ("dq", 336, 335));
+        }
     }
 
     #[test]

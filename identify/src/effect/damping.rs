@@ -25,10 +25,10 @@ fn goes(direction: f64, dq: f64) -> f64 {
     }
 }
 
-fn zone(shape: &[f64], q: f64, dq: f64) -> Vec<f64> {
+fn zone(shape: &[f64], q: f64, dq: f64) -> [f64; 2] {
     let here = dq.signum() * goes(shape[2], dq) * inside(shape, q);
     let below = dq.abs().min(shape[4]);
-    vec![here * below, here * (dq.abs() - below)]
+    [here * below, here * (dq.abs() - below)]
 }
 
 /// `tau = damping dq` for `from < q < to` and one direction, `damping >= 0`: closers, soft-close dampers, backchecks. Above the
@@ -96,7 +96,7 @@ pub const ASYMMETRIC: Kind = Kind {
     variable: Variable::Dq,
     grid: |_| vec![vec![-1.0], vec![1.0]],
     series: |scope, shape| vec![scope.by_state(|_, dq, _| dq * goes(shape[0], dq))],
-    at: Some(|shape, _, dq| vec![dq * goes(shape[0], dq)]),
+    at: Some(|shape, _, dq| [dq * goes(shape[0], dq), 0.0]),
     separate: "strokes at two clearly different steady speeds in each direction",
 };
 
@@ -109,6 +109,6 @@ pub const QUADRATIC: Kind = Kind {
     variable: Variable::Dq,
     grid: |_| vec![vec![]],
     series: |scope, _| vec![scope.by_state(|_, dq, _| dq * dq.abs())],
-    at: Some(|_, _, dq| vec![dq * dq.abs()]),
+    at: Some(|_, _, dq| [dq * dq.abs(), 0.0]),
     separate: "a few much faster strokes",
 };

@@ -13,7 +13,7 @@ pub const ASYMMETRIC: Kind = Kind {
     variable: Variable::Dq,
     grid: |_| vec![vec![-1.0], vec![1.0]],
     series: |scope, shape| vec![scope.by_state(|_, _, s| if s * shape[0] > 0.0 { s } else { 0.0 })],
-    at: Some(|shape, _, dq| vec![if dq * shape[0] > 0.0 { shape[0] } else { 0.0 }]),
+    at: Some(|shape, _, dq| [if dq * shape[0] > 0.0 { shape[0] } else { 0.0 }, 0.0]),
     separate: "rest in the middle of the range with no hand force: a load moves or is held there, friction is not",
 };
 
@@ -36,7 +36,7 @@ pub const STRIBECK: Kind = Kind {
             .collect()
     },
     series: |scope, shape| vec![scope.by_state(|_, dq, s| s / (1.0 + (dq / shape[0]).powi(2)))],
-    at: Some(|shape, _, dq| vec![sign(dq) / (1.0 + (dq / shape[0]).powi(2))]),
+    at: Some(|shape, _, dq| [sign(dq) / (1.0 + (dq / shape[0]).powi(2)), 0.0]),
     separate: "slow steady strokes at a few speeds below the typical one",
 };
 
@@ -76,7 +76,7 @@ pub const POSITION_DEPENDENT: Kind = Kind {
             .collect()
     },
     series: |scope, shape| vec![scope.by_state(|q, _, s| s * grown(shape, q))],
-    at: Some(|shape, q, dq| vec![sign(dq) * grown(shape, q)]),
+    at: Some(|shape, q, dq| [sign(dq) * grown(shape, q), 0.0]),
     separate: "slow strokes over the whole range, both ways",
 };
 

@@ -116,8 +116,8 @@ pub type Shape = (&'static str, Unit, Search);
 /// A linear term: name, unit, sign.
 pub type TermOf = (&'static str, Unit, Bound);
 
-/// Regressors from shape, q and dq.
-pub type AtState = fn(&[f64], f64, f64) -> Vec<f64>;
+/// Regressors from shape, q and dq; the second is 0 where a kind has one term.
+pub type AtState = fn(&[f64], f64, f64) -> [f64; 2];
 
 /// One effect of the library.
 #[derive(Clone, Copy)]

@@ -15,7 +15,7 @@ pub const CONSTANT_LOAD: Kind = Kind {
     variable: Variable::Q,
     grid: |_| vec![vec![]],
     series: |scope, _| vec![scope.by_state(|_, _, _| 1.0)],
-    at: Some(|_, _, _| vec![1.0]),
+    at: Some(|_, _, _| [1.0, 0.0]),
     separate: "a tare in free air before and after (sensor bias), and the force at which the joint starts from rest in either direction",
 };
 
@@ -31,7 +31,7 @@ pub const SPRING: Kind = Kind {
     variable: Variable::Q,
     grid: |_| vec![vec![]],
     series: |scope, _| vec![scope.by_state(|q, _, _| q), scope.by_state(|_, _, _| 1.0)],
-    at: Some(|_, q, _| vec![q, 1.0]),
+    at: Some(|_, q, _| [q, 1.0]),
     separate: "slow strokes over the whole range",
 };
 
@@ -56,7 +56,7 @@ pub const GRAVITY: Kind = Kind {
             scope.by_state(|q, _, _| (q - shape[0]).cos()),
         ]
     },
-    at: Some(|shape, q, _| vec![(q - shape[0]).sin(), (q - shape[0]).cos()]),
+    at: Some(|shape, q, _| [(q - shape[0]).sin(), (q - shape[0]).cos()]),
     separate: "a larger angle, or the direction of gravity against the axis",
 };
 
@@ -99,7 +99,7 @@ pub const DETENT: Kind = Kind {
         out
     },
     series: |scope, shape| vec![scope.by_state(|q, _, _| notch(shape, q))],
-    at: Some(|shape, q, _| vec![notch(shape, q)]),
+    at: Some(|shape, q, _| [notch(shape, q), 0.0]),
     separate: "slow strokes back and forth through the place",
 };
 
@@ -134,7 +134,7 @@ pub const CATCH: Kind = Kind {
         out
     },
     series: |scope, shape| vec![scope.by_state(|q, _, _| pull(shape, q))],
-    at: Some(|shape, q, _| vec![pull(shape, q)]),
+    at: Some(|shape, q, _| [pull(shape, q), 0.0]),
     separate: "slow strokes that begin and end closed",
 };
 
@@ -157,7 +157,7 @@ pub const RIPPLE: Kind = Kind {
             scope.by_state(|q, _, _| (TAU * q / shape[0]).cos()),
         ]
     },
-    at: Some(|shape, q, _| vec![(TAU * q / shape[0]).sin(), (TAU * q / shape[0]).cos()]),
+    at: Some(|shape, q, _| [(TAU * q / shape[0]).sin(), (TAU * q / shape[0]).cos()]),
     separate: "slow strokes over many periods",
 };
 

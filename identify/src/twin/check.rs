@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use super::pieces::{LOAD, OVER_Q, OVER_SPEED};
 use super::{Spline, SurfaceSpline, Twin, TwinError};
 use crate::effect::library::kind;
 
@@ -54,12 +55,21 @@ pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
         return Ok(());
     };
     if !curve(&mechanism.load) {
-        return wrong("the mechanism's load has not pieces + degree coefficients over an interval");
+        return wrong(
+            "the mechanism's load has not pieces + degree coefficients over an interval, or a degree above 3",
+        );
     }
     if !mechanism.damping.iter().all(surface) {
         return wrong(
-            "the mechanism's damping has not (pieces + degree) coefficients over each of two intervals",
+            "the mechanism's damping has not (pieces + degree) coefficients over each of two intervals, or degrees above 2 and 1",
         );
+    }
+    let [forward, backward] = &mechanism.damping;
+    if forward.interval_q != backward.interval_q
+        || forward.interval_sqrt_speed != backward.interval_sqrt_speed
+        || forward.pieces != backward.pieces
+    {
+        return wrong("the mechanism's damping is cut into other pieces forward than backward");
     }
     let ascending = |surface: &SurfaceSpline| {
         let bends = &surface.valve.bends;
@@ -76,18 +86,20 @@ fn proper([low, high]: [f64; 2]) -> bool {
     low < high
 }
 
-fn sized(pieces: usize, degree: usize) -> bool {
-    (1..=MOST_PIECES).contains(&pieces) && degree <= 5
+/// `coefficients` of a piece's polynomial are one more than its highest degree.
+fn sized(pieces: usize, degree: usize, coefficients: usize) -> bool {
+    (1..=MOST_PIECES).contains(&pieces) && degree < coefficients
 }
 
 fn curve(spline: &Spline) -> bool {
     proper(spline.interval)
-        && sized(spline.pieces, spline.degree)
+        && sized(spline.pieces, spline.degree, LOAD)
         && spline.coefficients.len() == spline.pieces + spline.degree
 }
 
 fn surface(surface: &SurfaceSpline) -> bool {
-    let fits = |i: usize| sized(surface.pieces[i], surface.degree[i]);
+    let most = [OVER_Q, OVER_SPEED];
+    let fits = |i: usize| sized(surface.pieces[i], surface.degree[i], most[i]);
     let functions = |i: usize| surface.pieces[i] + surface.degree[i];
     proper(surface.interval_q)
         && proper(surface.interval_sqrt_speed)

@@ -1,10 +1,12 @@
-//! Effort of a twin at a state, term by term, for controllers and simulators.
+//! Effort of a twin at a state, term by term, for controllers and simulators, and at many states at once.
 
-use super::{Coordinate, Spline, SurfaceSpline, Twin};
+use pulp::{Arch, NullaryFnOnce};
+
+use super::pieces::{BLOCK, Pieces};
+use super::{Coordinate, Twin};
 use crate::effect::library::{AtState, kind};
-use crate::mechanism::{Domain, Valve};
+use crate::mechanism::Domain;
 use crate::screw::JointKind;
-use crate::spline::Basis;
 
 /// A speed so small that every term has its value at the start of a motion, in rad/s or m/s.
 const CREEP: f64 = 1e-9;
@@ -33,7 +35,8 @@ impl Terms {
     }
 }
 
-/// A state that was not probed: what the twin says there is its value at the edge, and means nothing.
+/// A state that was not probed. What the twin says there means nothing: its curves are held at their edges, damping as that at
+/// the edge of speed, and named effects go on by their law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outside {
     /// The coordinate is outside.
@@ -53,28 +56,35 @@ pub struct Evaluator {
     viscous: f64,
     load: f64,
     effects: Vec<Effect>,
-    mechanism: Option<(Curve, [Surface; 2])>,
+    mechanism: Option<Pieces>,
+}
+
+/// One quantity of many states.
+#[derive(Clone, Copy, Debug)]
+pub enum Each<'a> {
+    /// The same in all.
+    Same(f64),
+    /// One number for each.
+    Own(&'a [f64]),
+}
+
+/// Arrays of states that are not of one length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` has {got} states, the efforts have {expected}: give as many, or one number")]
+pub struct LengthError {
+    /// `q`, `dq` or `ddq`.
+    pub name: &'static str,
+    /// Length of the array for the efforts.
+    pub expected: usize,
+    /// Length of the array.
+    pub got: usize,
 }
 
 #[derive(Clone, Debug)]
 struct Effect {
     at: AtState,
     shape: Vec<f64>,
-    terms: Vec<f64>,
-}
-
-#[derive(Clone, Debug)]
-struct Curve {
-    basis: Basis,
-    coefficients: Vec<f64>,
-}
-
-#[derive(Clone, Debug)]
-struct Surface {
-    in_q: Basis,
-    in_root_speed: Basis,
-    coefficients: Vec<f64>,
-    valve: Valve,
+    terms: [f64; 2],
 }
 
 impl Evaluator {
@@ -99,7 +109,7 @@ impl Evaluator {
                 Some(Effect {
                     at: kind.at?,
                     shape: effect.shape.iter().map(|number| number.value).collect(),
-                    terms: kind.terms.iter().map(|of| term(of.0)).collect(),
+                    terms: [0, 1].map(|i| kind.terms.get(i).map_or(0.0, |of| term(of.0))),
                 })
             })
             .collect();
@@ -112,12 +122,7 @@ impl Evaluator {
             viscous: value("viscous"),
             load: value("load"),
             effects,
-            mechanism: twin.mechanism.as_ref().map(|mechanism| {
-                (
-                    Curve::of(&mechanism.load),
-                    mechanism.damping.each_ref().map(Surface::of),
-                )
-            }),
+            mechanism: twin.mechanism.as_ref().map(Pieces::of),
         }
     }
 
@@ -128,9 +133,8 @@ impl Evaluator {
         let (q, dq, ddq) = (sign * (q - offset), sign * dq, sign * ddq);
         let sgn = if dq == 0.0 { 0.0 } else { dq.signum() };
         let named: f64 = self.effects.iter().map(|effect| effect.effort(q, dq)).sum();
-        let mechanism = self.mechanism.as_ref().map_or(0.0, |(load, damping)| {
-            load.value(q) + damping[usize::from(dq < 0.0)].effort(q, dq)
-        });
+        let mechanism = self.mechanism.as_ref();
+        let mechanism = mechanism.map_or(0.0, |pieces| pieces.effort(q, dq));
         Terms {
             inertia: sign * self.inertia * ddq,
             coulomb: sign * self.coulomb * sgn,
@@ -146,6 +150,64 @@ impl Evaluator {
         self.terms(q, dq, ddq).total()
     }
 
+    /// Writes the efforts at as many states as `out` has room for, as [`Self::effort`] gives them one by one, in vectors and without
+    /// allocation. The states may be cut and given to several threads.
+    ///
+    /// # Errors
+    /// [`LengthError`]: an array is longer or shorter than `out`, which is left as it was.
+    pub fn efforts<'a>(
+        &self,
+        q: impl Into<Each<'a>>,
+        dq: impl Into<Each<'a>>,
+        ddq: impl Into<Each<'a>>,
+        out: &mut [f64],
+    ) -> Result<(), LengthError> {
+        let states = [q.into(), dq.into(), ddq.into()];
+        for (each, name) in states.into_iter().zip(["q", "dq", "ddq"]) {
+            if let Some(got) = each.len().filter(|got| *got != out.len()) {
+                let expected = out.len();
+                return Err(LengthError {
+                    name,
+                    expected,
+                    got,
+                });
+            }
+        }
+        Arch::new().dispatch(Batch {
+            evaluator: self,
+            states,
+            out,
+        });
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn block(&self, [q, dq, ddq]: [&[f64; BLOCK]; 3], out: &mut [f64; BLOCK]) {
+        let Coordinate { sign, offset } = self.coordinate;
+        let (mut at, mut rate) = ([0.0; BLOCK], [0.0; BLOCK]);
+        for k in 0..BLOCK {
+            at[k] = sign * (q[k] - offset);
+            rate[k] = sign * dq[k];
+            let dry = if rate[k] == 0.0 {
+                0.0
+            } else {
+                self.coulomb.copysign(rate[k])
+            };
+            out[k] = self.inertia * sign * ddq[k] + dry + self.viscous * rate[k] + self.load;
+        }
+        if let Some(pieces) = &self.mechanism {
+            pieces.add(&at, &rate, out);
+        }
+        for effect in &self.effects {
+            for k in 0..BLOCK {
+                out[k] += effect.effort(at[k], rate[k]);
+            }
+        }
+        for effort in out {
+            *effort *= sign;
+        }
+    }
+
     /// Efforts between which the joint rests at `q`: below the first it begins to move backward, above the second forward.
     #[must_use]
     pub fn rest_band(&self, q: f64) -> [f64; 2] {
@@ -153,25 +215,54 @@ impl Evaluator {
         [backward.min(forward), backward.max(forward)]
     }
 
-    /// Derivative of the effort by (q, dq, ddq), with the direction of motion held: central differences over a thousandth
-    /// of the domain, one-sided in dq near rest. Exact in ddq and in `b`; dry friction has none.
+    /// Derivative of the effort by (q, dq, ddq), with the direction of motion held, at rest forward; dry friction has none. Exact but for
+    /// named effects: theirs are central differences over a thousandth of the domain, one-sided in dq near rest.
     #[must_use]
     pub fn gradient(&self, q: f64, dq: f64) -> [f64; 3] {
+        let Coordinate { sign, offset } = self.coordinate;
+        let (at, rate) = (sign * (q - offset), sign * dq);
+        // Forward in the twin's own coordinate.
+        let rate = if rate == 0.0 { sign * CREEP } else { rate };
+        let mechanism = self.mechanism.as_ref();
+        let [by_q, by_dq] = mechanism.map_or([0.0; 2], |pieces| pieces.gradient(at, rate));
+        let [named_q, named_dq] = self.named_gradient(at, rate);
+        // Effort and coordinate turn their signs together.
+        [
+            by_q + named_q,
+            self.viscous + by_dq + named_dq,
+            self.inertia,
+        ]
+    }
+
+    /// Of the named effects, by the recording's coordinate and rate.
+    fn named_gradient(&self, q: f64, dq: f64) -> [f64; 2] {
+        if self.effects.is_empty() {
+            return [0.0; 2];
+        }
+        let named = |q: f64, dq: f64| -> f64 {
+            self.effects.iter().map(|effect| effect.effort(q, dq)).sum()
+        };
         let span = |[low, high]: [f64; 2]| (1e-3 * (high - low)).max(1e-6);
         let (step_q, step_dq) = (span(self.domain.q), span(self.domain.dq));
-        let by_q =
-            (self.effort(q + step_q, dq, 0.0) - self.effort(q - step_q, dq, 0.0)) / (2.0 * step_q);
-        let moving = |dq: f64, side: f64| if dq * side > 0.0 { dq } else { side * CREEP };
-        let side = if dq < 0.0 { -1.0 } else { 1.0 };
-        let (low, high) = (moving(dq - step_dq, side), moving(dq + step_dq, side));
-        let by_dq = (self.effort(q, high, 0.0) - self.effort(q, low, 0.0)) / (high - low);
-        [by_q, by_dq, self.inertia]
+        let moving = |at: f64| {
+            if at * dq > 0.0 {
+                at
+            } else {
+                CREEP.copysign(dq)
+            }
+        };
+        let (low, high) = (moving(dq - step_dq), moving(dq + step_dq));
+        [
+            (named(q + step_q, dq) - named(q - step_q, dq)) / (2.0 * step_q),
+            (named(q, high) - named(q, low)) / (high - low),
+        ]
     }
 
     /// What of the state lies outside the probed domain, if anything.
     #[must_use]
     pub fn outside(&self, q: f64, dq: f64) -> Option<Outside> {
-        let beyond = |value: f64, [low, high]: [f64; 2]| value < low || value > high;
+        // What is no number was not probed either.
+        let beyond = |value: f64, [low, high]: [f64; 2]| !(low..=high).contains(&value);
         if beyond(q, self.domain.q) {
             Some(Outside::Coordinate)
         } else if beyond(dq, self.domain.dq) {
@@ -233,59 +324,91 @@ impl Evaluator {
 impl Effect {
     fn effort(&self, q: f64, dq: f64) -> f64 {
         let per_term = (self.at)(&self.shape, q, dq);
-        self.terms.iter().zip(per_term).map(|(a, b)| a * b).sum()
+        self.terms[0] * per_term[0] + self.terms[1] * per_term[1]
     }
 }
 
-impl Curve {
-    fn of(spline: &Spline) -> Self {
-        let [low, high] = spline.interval;
-        Self {
-            basis: Basis::new(low, high, spline.pieces, spline.degree),
-            coefficients: spline.coefficients.clone(),
+impl Each<'_> {
+    fn len(&self) -> Option<usize> {
+        match self {
+            Self::Same(_) => None,
+            Self::Own(values) => Some(values.len()),
         }
     }
 
-    fn value(&self, q: f64) -> f64 {
-        self.basis.value(&self.coefficients, q)
-    }
-}
-
-impl Surface {
-    fn of(spline: &SurfaceSpline) -> Self {
-        let basis = |[low, high]: [f64; 2], i: usize| {
-            Basis::new(low, high, spline.pieces[i], spline.degree[i])
+    /// The block from `from` on; where the states end within it, their copy in `scratch`, zeros behind it.
+    #[inline(always)]
+    fn block<'b>(&'b self, from: usize, scratch: &'b mut [f64; BLOCK]) -> &'b [f64; BLOCK] {
+        let values = match self {
+            Self::Same(value) => {
+                *scratch = [*value; BLOCK];
+                return scratch;
+            }
+            Self::Own(values) => values.get(from..).unwrap_or_default(),
         };
-        Self {
-            in_q: basis(spline.interval_q, 0),
-            in_root_speed: basis(spline.interval_sqrt_speed, 1),
-            coefficients: spline.coefficients.clone(),
-            valve: spline.valve.clone(),
+        if let Some(whole) = values.first_chunk() {
+            return whole;
         }
+        *scratch = [0.0; BLOCK];
+        for (copy, value) in scratch.iter_mut().zip(values) {
+            *copy = *value;
+        }
+        scratch
     }
+}
 
-    fn effort(&self, q: f64, dq: f64) -> f64 {
-        let speed = dq.abs();
-        let size = self.valve.effort(self.value(q, speed.sqrt()) * speed);
-        if dq < 0.0 { -size } else { size }
+impl From<f64> for Each<'_> {
+    fn from(value: f64) -> Self {
+        Self::Same(value)
     }
+}
 
-    fn value(&self, q: f64, root_speed: f64) -> f64 {
-        let (first_q, in_q) = self.in_q.evaluate(q);
-        let (first_speed, in_speed) = self.in_root_speed.evaluate(root_speed);
-        let row = self.in_root_speed.len();
-        let mut sum = 0.0;
-        for (i, value_q) in in_q.iter().take(self.in_q.degree() + 1).enumerate() {
-            let from = (first_q + i) * row + first_speed;
-            for (j, value_speed) in in_speed
-                .iter()
-                .take(self.in_root_speed.degree() + 1)
-                .enumerate()
-            {
-                sum +=
-                    self.coefficients.get(from + j).copied().unwrap_or(0.0) * value_q * value_speed;
+impl<'a> From<&'a [f64]> for Each<'a> {
+    fn from(values: &'a [f64]) -> Self {
+        Self::Own(values)
+    }
+}
+
+impl<'a> From<&'a Vec<f64>> for Each<'a> {
+    fn from(values: &'a Vec<f64>) -> Self {
+        Self::Own(values)
+    }
+}
+
+/// [`Evaluator::efforts`] as a function that is compiled for what the processor has.
+struct Batch<'a> {
+    evaluator: &'a Evaluator,
+    states: [Each<'a>; 3],
+    out: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Batch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            evaluator,
+            states: [q, dq, ddq],
+            out,
+        } = self;
+        let [mut a, mut b, mut c, mut rest] = [[0.0; BLOCK]; 4];
+        for (i, out) in out.chunks_mut(BLOCK).enumerate() {
+            let from = i * BLOCK;
+            let states = [
+                q.block(from, &mut a),
+                dq.block(from, &mut b),
+                ddq.block(from, &mut c),
+            ];
+            match out.first_chunk_mut() {
+                Some(whole) => evaluator.block(states, whole),
+                None => {
+                    evaluator.block(states, &mut rest);
+                    for (effort, last) in out.iter_mut().zip(rest) {
+                        *effort = last;
+                    }
+                }
             }
         }
-        sum
     }
 }
