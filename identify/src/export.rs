@@ -1,8 +1,9 @@
 //! Twins for other people's simulators: MJCF, URDF, USD and ONNX, each derived from `twin.json` alone.
 //!
 //! No format holds a mechanism as it is. Each export gives the joint's inertia, friction and the nearest polynomial or
-//! spring and damper that the format has ([`Native`]), says how far that is from the twin, and puts the rest beside it as a
-//! table over (q, dq) ([`Table`]) that a few lines of a callback, or the ONNX file, evaluate.
+//! spring and damper that the format has ([`Native`]), says how far that is from the twin, and puts the whole effort beside it as a
+//! table over (q, dq) ([`Table`]) that a few lines of a callback, or the ONNX file, evaluate: the callback adds what it has beyond
+//! the attributes. Effects with a memory are in none of them ([`Twin::left_out`]).
 
 mod mjcf;
 mod native;
@@ -130,8 +131,8 @@ fn parts(twin: &Twin, target: Target, name: &str) -> Result<Parts, ExportError> 
     }
     match target {
         Target::Onnx => {
-            let table = Table::of(&evaluator, &Native::none());
-            let error = table.error(&evaluator, &Native::none());
+            let table = Table::of(&evaluator);
+            let error = table.error(&evaluator);
             let bytes = onnx::model(&table, twin);
             Ok((vec![(format!("{name}.onnx"), bytes)], None, error))
         }
@@ -187,15 +188,23 @@ fn identifier(frame: &str) -> String {
 }
 
 /// How far joint attributes are from the twin, for a comment.
-fn percent(native: &Native) -> String {
-    native.relative_error.map_or("wholly".to_owned(), |error| {
-        format!("{:.1} %", 100.0 * error)
-    })
+fn percent(twin: &Twin, native: &Native) -> String {
+    let off = native.relative_error.unwrap_or(1.0);
+    let without: Vec<&str> = twin.left_out().collect();
+    let without = if without.is_empty() {
+        String::new()
+    } else {
+        format!(" without its {} (which have a memory)", without.join(", "))
+    };
+    format!(
+        "{:.1} % (root mean square, over the probed domain) from the twin{without}",
+        100.0 * off
+    )
 }
 
 type Parts = (Vec<(String, Vec<u8>)>, Option<Native>, f64);
 
-/// The documents of a format with the table of what its attributes leave.
+/// The documents of a format with the table.
 fn beside(
     twin: &Twin,
     evaluator: &Evaluator,
@@ -203,15 +212,15 @@ fn beside(
     documents: impl FnOnce(&Native, &Scene) -> Vec<(String, String)>,
 ) -> Result<Parts, ExportError> {
     let scene = Scene::of(twin);
-    let table = Table::of(evaluator, &native);
+    let table = Table::of(evaluator);
     let mut texts: Vec<(String, Vec<u8>)> = documents(&native, &scene)
         .into_iter()
         .map(|(file, text)| (file, text.into_bytes()))
         .collect();
-    let sidecar = serde_json::to_vec(&table.sidecar(twin, &native))?;
+    let error = table.error(evaluator);
+    let sidecar = serde_json::to_vec(&table.sidecar(twin, &native, error))?;
     let main = texts.first().map_or("", |(file, _)| file);
     texts.push((format!("{main}.mechanism.json"), sidecar));
-    let error = table.error(evaluator, &native);
     Ok((texts, Some(native), error))
 }
 

@@ -42,3 +42,8 @@ pub mod table;
 pub mod tool;
 pub mod track;
 pub mod twin;
+
+/// The README's Rust is compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;

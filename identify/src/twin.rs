@@ -3,11 +3,14 @@
 //! The effort at a state is `I ddq + mu sgn(dq) + b dq`, the added effects, and `g(q) + c(q, |dq|) dq`, in the joint coordinate of the recording.
 //! [`Twin::in_frame`] and [`Twin::in_coordinate`] re-express it (the paper's twin assembly) without changing the effort.
 
+mod batch;
 mod check;
 mod evaluator;
 mod pieces;
 
-pub use evaluator::{Each, Evaluator, LengthError, Outside, Terms};
+pub use batch::{Each, LengthError};
+pub(crate) use evaluator::BEYOND;
+pub use evaluator::{Evaluator, Outside, Terms};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -255,6 +258,13 @@ impl Twin {
     pub fn left_out(&self) -> impl Iterator<Item = &str> {
         let without = self.effects.iter().filter(|effect| !effect.memoryless);
         without.map(|effect| effect.name.as_str())
+    }
+
+    /// Parameters that the data did not show, which count as 0 in an evaluation.
+    pub fn not_identified(&self) -> impl Iterator<Item = &str> {
+        let all = self.beta.names.iter().zip(&self.beta.values);
+        all.filter(|(_, value)| value.is_none())
+            .map(|(name, _)| name.as_str())
     }
 
     /// Distance of the tool from the axis of a turning joint, m; nothing for a slide or a table.

@@ -310,6 +310,50 @@ fn a_twin_is_let_go_exported_and_compared() {
 }
 
 #[test]
+fn what_was_not_identified_is_said_and_asked_for_where_it_is_needed() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = identified_slide(directory.path());
+    let mut twin: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("twin.json")).unwrap()).unwrap();
+    for parameter in 0..3 {
+        twin["beta"]["values"][parameter] = serde_json::Value::Null;
+    }
+    let (path, assets) = (
+        directory.path().join("null.json"),
+        directory.path().join("null"),
+    );
+    std::fs::write(&path, twin.to_string()).unwrap();
+    let (twin, assets) = (path.to_str().unwrap(), assets.to_str().unwrap());
+    for (arguments, code, says) in [
+        (
+            ["simulate", twin, "--release", "0.1m"].as_slice(),
+            1,
+            "no inertia: it was not identifiable; probe with fast strokes",
+        ),
+        (
+            &["export", twin, "--to", "usd", "-o", assets],
+            1,
+            "export `onnx`, which needs none",
+        ),
+        (
+            &["export", twin, "--to", "onnx", "-o", assets],
+            0,
+            "not identified: `coulomb` counts as 0",
+        ),
+        (
+            &["simulate", twin, "--open", "0.2m"],
+            0,
+            "not identified: `inertia` counts as 0",
+        ),
+    ] {
+        let done = run(arguments);
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(code), "{said}");
+        assert!(said.contains(says), "{said}");
+    }
+}
+
+#[test]
 fn a_twin_whose_numbers_do_not_fit_together_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let out = identified_slide(directory.path());
@@ -338,6 +382,12 @@ fn a_twin_whose_numbers_do_not_fit_together_is_refused() {
             "/beta/values/0",
             serde_json::json!(1e300),
             "beyond anything",
+        ),
+        ("/mechanism/load/degree", 5.into(), "a degree above 3"),
+        (
+            "/mechanism/damping/1/interval_q/0",
+            serde_json::json!(-7.0),
+            "other pieces forward than backward",
         ),
     ];
     for (at, value, said) in broken {

@@ -1,8 +1,8 @@
 """Opens the exports of a twin with other people's libraries and compares them with the twin's own numbers.
 
-    exports.py FOLDER NAME STATES.csv SWING.json TWIN.json
+    exports.py FOLDER NAME STATES.csv BEYOND.csv SWING.json TWIN.json
 
-STATES.csv: q,dq,effort per line, from the twin. Prints one JSON object; the test that runs this has the bounds.
+STATES.csv: q,dq,effort per line, from the twin; BEYOND.csv: the same faster than anything that was probed. Prints one JSON object; the test that runs this has the bounds.
 """
 import csv
 import importlib.util
@@ -19,9 +19,9 @@ import yourdfpy
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 folder, name = pathlib.Path(sys.argv[1]), sys.argv[2]
-states = np.array([[float(v) for v in row] for row in csv.reader(open(sys.argv[3]))])
-swing = json.load(open(sys.argv[4]))
-twin = json.load(open(sys.argv[5]))
+states, beyond = (np.array([[float(v) for v in row] for row in csv.reader(open(path))]) for path in sys.argv[3:5])
+swing = json.load(open(sys.argv[5]))
+twin = json.load(open(sys.argv[6]))
 q, dq, effort = states.T
 scale = np.sqrt(np.mean(effort**2))
 found = {}
@@ -38,7 +38,11 @@ other = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
 there = mujoco.MjData(other)
 
 
-def mujoco_efforts():
+def off_beyond(ours):
+    return float(np.abs(ours / beyond[:, 2] - 1).max())
+
+
+def mujoco_efforts(q=q, dq=dq):
     out = []
     for at, speed in zip(q, dq):
         data.qpos[0], data.qvel[0] = at, speed
@@ -49,12 +53,18 @@ def mujoco_efforts():
 
 
 found["mujoco_native_error"] = relative(mujoco_efforts())
-found["mujoco_announced_error"] = json.load(open(folder / f"{name}.xml.mechanism.json"))["native"]["relative_error"]
+sidecar = json.load(open(folder / f"{name}.xml.mechanism.json"))
+found["mujoco_announced_error"] = sidecar["native"]["relative_error"]
+found["table_announced_error"] = sidecar["relative_error"]
+found["left_out"], found["not_identified"] = sidecar["left_out"], sidecar["not_identified"]
+texts = [(folder / f"{name}.{ending}").read_text() for ending in ("xml", "urdf", "usda")]
+found["left_out_in_text"] = all(" without its " in text for text in texts) if sidecar["left_out"] else any(" without its " in text for text in texts)
 spec = importlib.util.spec_from_file_location("passive", folder / f"{name}_passive.py")
 passive = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(passive)
 passive.install(model)
 found["mujoco_error"] = relative(mujoco_efforts())
+found["mujoco_error_beyond"] = off_beyond(mujoco_efforts(*beyond.T[:2]))
 mujoco.mj_resetData(model, data)
 data.qpos[0] = swing["from"]
 while swing["end"]["how"] == "arrived" and data.qpos[0] > swing["until"] and data.time < 60:
@@ -174,6 +184,8 @@ onnx.checker.check_model(onnx.load(folder / f"{name}.onnx"), full_check=True)
 session = onnxruntime.InferenceSession(str(folder / f"{name}.onnx"))
 got = session.run(None, {"q": q.astype(np.float32), "dq": dq.astype(np.float32)})[0]
 found["onnx_error"] = relative(got)
+far = {"q": beyond[:, 0].astype(np.float32), "dq": beyond[:, 1].astype(np.float32)}
+found["onnx_error_beyond"] = off_beyond(session.run(None, far)[0])
 # Ten thousand environments at once.
 many = np.resize(q, 10_000).astype(np.float32), np.resize(dq, 10_000).astype(np.float32)
 at_once = session.run(None, {"q": many[0], "dq": many[1]})[0]

@@ -1,6 +1,6 @@
 """Tries the Python wheel in the environment that it was installed into, with nothing else than what it asks for.
 
-    wheel.py RECORDING TWIN.json NS_PER_STATE_IN_RUST
+    wheel.py RECORDING TWIN.json
 
 TWIN.json is what `ft-identify` made of the recording. Prints one JSON object; the test that runs this has the bounds.
 """
@@ -8,14 +8,13 @@ import ast
 import json
 import pathlib
 import sys
-import time
 
 import numpy as np
 
 import forcetwin
 
-recording, path, rust_ns = sys.argv[1], sys.argv[2], float(sys.argv[3])
-twin, raw = forcetwin.Twin.load(path), json.load(open(path))
+recording, path = sys.argv[1:3]
+twin = forcetwin.Twin.load(path)
 found = {"repr": repr(twin), "kind": twin.kind, "inertia": twin.inertia}
 rng = np.random.default_rng(7)
 (low, high), (slowest, fastest) = twin.domain
@@ -44,6 +43,10 @@ found["list_error"] = float(abs(twin.effort([0.3], [0.1])[0] - twin.effort(0.3, 
 found["terms_error"] = float(np.abs(sum(twin.terms(q, dq, ddq).values()) - whole).max())
 moved = twin.in_coordinate(True, 0.4).in_frame("asset", np.eye(4).tolist())
 found["moved_error"] = float(np.abs(moved.effort(0.4 - q, -dq, -ddq) + whole).max())
+into = np.empty_like(q)
+found["out_error"] = float(np.abs(twin.effort(q, dq, ddq, out=into) - whole).max()) + float(np.abs(into - whole).max())
+found["out_refused"] = refusal(lambda: twin.effort(q, dq, ddq, out=np.empty(7)))
+found["out_is_input_refused"] = refusal(lambda: twin.effort(q, dq, ddq, out=q))
 found["shapes_refused"] = refusal(twin.effort, np.zeros(3), np.zeros(4))
 found["missing_refused"] = refusal(forcetwin.Twin.load, "no/such/twin.json")
 found["bad_refused"] = refusal(forcetwin.Twin.from_json, "{}")
@@ -78,64 +81,4 @@ said |= set(classes) | {node.name for node in stub if isinstance(node, ast.Funct
 there = {f"{name}.{member}" for name in classes for member in dir(getattr(forcetwin, name)) if not member.startswith("_")}
 found["stub_differs"] = sorted(said ^ (there | set(forcetwin.__all__)))
 
-
-# The same model written in NumPy, from the file alone: the twin without its named effects.
-def splines(interval, pieces, degree, x):
-    """Index of the first function that is not zero, and the values of the degree + 1 from there."""
-    scaled = np.clip((x - interval[0]) / (interval[1] - interval[0]) * pieces, 0, pieces)
-    piece = np.minimum(scaled.astype(int), pieces - 1)
-    u = scaled - piece
-    values = [np.ones_like(u)]
-    for d in range(1, degree + 1):
-        new = [np.zeros_like(u) for _ in range(d + 1)]
-        for j, old in enumerate(values):
-            new[j] += (j + 1 - u) / d * old
-            new[j + 1] += (u + d - 1 - j) / d * old
-        values = new
-    return piece, values
-
-
-def numpy_effort(q, dq, ddq):
-    beta = {name: value or 0.0 for name, value in zip(raw["beta"]["names"], raw["beta"]["values"])}
-    out = beta.get("load", 0.0) + beta["inertia"] * ddq + beta["coulomb"] * np.sign(dq) + beta["viscous"] * dq
-    load = raw["mechanism"]["load"]
-    first, values = splines(load["interval"], load["pieces"], load["degree"], q)
-    c = np.array(load["coefficients"])
-    out += sum(c[first + j] * v for j, v in enumerate(values))
-    for way, surface in enumerate(raw["mechanism"]["damping"]):
-        here = (dq >= 0) if way == 0 else (dq < 0)
-        speed = np.abs(dq[here])
-        (p, s), (dp, ds) = surface["pieces"], surface["degree"]
-        i, in_q = splines(surface["interval_q"], p, dp, q[here])
-        j, in_speed = splines(surface["interval_sqrt_speed"], s, ds, np.sqrt(speed))
-        c = np.array(surface["coefficients"])
-        straight = sum(c[(i + a) * (s + ds) + j + b] * u * v for a, u in enumerate(in_q) for b, v in enumerate(in_speed)) * speed
-        size, slope = straight.copy(), 1.0
-        for bend in surface.get("valve", []):
-            size += (bend["slope"] - slope) * np.maximum(straight - bend["at"], 0)
-            slope = bend["slope"]
-        out[here] += size if way == 0 else -size
-    return out
-
-
-raw["effects"] = []
-plain = forcetwin.Twin.from_json(json.dumps(raw))
-q, dq, ddq = states(1_000_000)
-found["numpy_error"] = float(np.abs(plain.effort(q, dq, ddq) - numpy_effort(q, dq, ddq)).max())
-
-
-def nanoseconds(call, repeats):
-    best = min(_once(call) for _ in range(repeats))
-    return 1e9 * best / len(q)
-
-
-def _once(call):
-    start = time.perf_counter()
-    call(q, dq, ddq)
-    return time.perf_counter() - start
-
-
-ours = nanoseconds(plain.effort, 15)
-found["ns_per_state"] = {"rust": rust_ns, "python": ours, "numpy": nanoseconds(numpy_effort, 3), "add": nanoseconds(lambda a, b, c: a + b, 7)}
-found["python_over_rust"] = ours / rust_ns
 print(json.dumps(found))

@@ -11,43 +11,45 @@ use ft_tests::{peers, programs};
 use serde_json::Value;
 use tempfile::tempdir;
 
-/// Records and identifies a scenario, exports its twin, and gives the twin and what the libraries say of it.
-fn exported(scenario: &str, release: &str, folder: &Path) -> Option<(Twin, Value, Value)> {
-    peers::python("exports")?;
+/// Records and identifies a scenario.
+fn identified(scenario: &str, folder: &Path) -> Twin {
     let run = |program: &str, arguments: &[&str]| {
         programs::run(program, arguments, folder).expect_code(0)
     };
-    run(
-        "ft-capture",
-        &[
-            "--sim", scenario, "--speed", "max", "--seed", "3", "-o", "a.mcap",
-        ],
-    );
+    let record = [
+        "--sim", scenario, "--speed", "max", "--seed", "3", "-o", "a.mcap",
+    ];
+    run("ft-capture", &record);
     run("ft-identify", &["a.mcap", "-o", "twin"]);
-    run(
-        "ft-identify",
-        &[
+    Twin::from_json(&std::fs::read_to_string(folder.join("twin/twin.json")).unwrap()).unwrap()
+}
+
+/// Exports a twin and lets it go, and gives what the libraries say of it, and the swing; `None` without them.
+fn judged(twin: &Twin, released: &str, folder: &Path) -> Option<(Value, Value)> {
+    peers::python("exports")?;
+    std::fs::create_dir_all(folder.join("twin")).unwrap();
+    std::fs::write(folder.join("twin/twin.json"), twin.to_json().unwrap()).unwrap();
+    for arguments in [
+        [
             "export",
             "twin/twin.json",
             "--to",
             "mjcf,urdf,usd,onnx",
             "-o",
             "out",
-        ],
-    );
-    run(
-        "ft-identify",
+        ]
+        .as_slice(),
         &[
             "simulate",
             "twin/twin.json",
             "--release",
-            release,
+            released,
             "-o",
             "swing",
         ],
-    );
-    let twin =
-        Twin::from_json(&std::fs::read_to_string(folder.join("twin/twin.json")).unwrap()).unwrap();
+    ] {
+        programs::run("ft-identify", arguments, folder).expect_code(0);
+    }
     let evaluator = twin.evaluator();
     let domain = evaluator.domain().clone();
     let mut states = String::new();
@@ -62,11 +64,26 @@ fn exported(scenario: &str, release: &str, folder: &Path) -> Option<(Twin, Value
         }
     }
     std::fs::write(folder.join("states.csv"), states).unwrap();
+    let mut beyond = String::new();
+    for (share, times) in [
+        (0.1, -4.0),
+        (0.5, -2.5),
+        (0.9, -9.0),
+        (0.1, 3.0),
+        (0.5, 9.0),
+        (0.9, 2.1),
+    ] {
+        let q = domain.q[0] + share * (domain.q[1] - domain.q[0]);
+        let dq = times * evaluator.fastest();
+        writeln!(beyond, "{q},{dq},{}", evaluator.effort(q, dq, 0.0)).unwrap();
+    }
+    std::fs::write(folder.join("beyond.csv"), beyond).unwrap();
     let path = |name: &str| folder.join(name).display().to_string();
     let arguments = [
         path("out"),
         "object".to_owned(),
         path("states.csv"),
+        path("beyond.csv"),
         path("swing/swing.json"),
         path("twin/twin.json"),
     ];
@@ -76,8 +93,8 @@ fn exported(scenario: &str, release: &str, folder: &Path) -> Option<(Twin, Value
     let swing: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("swing/swing.json")).unwrap())
             .unwrap();
-    println!("{scenario}: {found}");
-    Some((twin, found, swing))
+    println!("{found}");
+    Some((found, swing))
 }
 
 fn number(value: &Value) -> f64 {
@@ -131,6 +148,17 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
         found["usd_problems"]
     );
     for error in ["mujoco_error", "onnx_error"] {
+        let (error, announced) = (
+            number(&found[error]),
+            number(&found["table_announced_error"]),
+        );
+        assert!(
+            (error - announced).abs() < 1e-3 && error < 0.02,
+            "{error}, announced {announced}: {found}"
+        );
+    }
+    // Faster than anything that was probed, too.
+    for error in ["mujoco_error_beyond", "onnx_error_beyond"] {
         assert!(number(&found[error]) < 0.02, "{error}: {found}");
     }
     assert_eq!(number(&found["onnx_batch_error"]), 0.0);
@@ -152,7 +180,11 @@ fn agrees(twin: &Twin, found: &Value, kind: [&str; 2]) {
 #[test]
 fn a_door_with_a_closer_opens_and_swings_in_other_simulators() {
     let folder = tempdir().unwrap();
-    let Some((twin, found, swing)) = exported("wood_door", "45deg", folder.path()) else {
+    if peers::python("exports").is_none() {
+        return;
+    }
+    let twin = identified("wood_door", folder.path());
+    let Some((found, swing)) = judged(&twin, "45deg", folder.path()) else {
         return;
     };
     agrees(&twin, &found, ["revolute", "angular"]);
@@ -170,10 +202,157 @@ fn a_door_with_a_closer_opens_and_swings_in_other_simulators() {
 #[test]
 fn a_drawer_opens_in_other_simulators() {
     let folder = tempdir().unwrap();
-    let Some((twin, found, _)) = exported("drawer_loaded", "0.2m", folder.path()) else {
+    if peers::python("exports").is_none() {
+        return;
+    }
+    let twin = identified("drawer_loaded", folder.path());
+    let Some((found, _)) = judged(&twin, "0.2m", folder.path()) else {
         return;
     };
     agrees(&twin, &found, ["prismatic", "linear"]);
+}
+
+/// A twin with one effect of every kind, terms of `size` (N m or N) and shapes that fit the range.
+fn with_every_effect(kind: &str, range: [f64; 2], inertia: f64, size: f64) -> Twin {
+    let [low, high] = range;
+    let way = high - low;
+    let number =
+        |(name, value): (&str, f64)| serde_json::json!({"name": name, "value": value, "unit": ""});
+    let effect = |name: &str, terms: &[(&str, f64)], shape: &[(&str, f64)], memoryless: bool| {
+        serde_json::json!({"name": name, "memoryless": memoryless,
+            "terms": terms.iter().copied().map(number).collect::<Vec<_>>(),
+            "shape": shape.iter().copied().map(number).collect::<Vec<_>>()})
+    };
+    let mut effects = vec![
+        effect(
+            "spring",
+            &[("stiffness", size / way), ("preload", 3.0 * size)],
+            &[],
+            true,
+        ),
+        effect(
+            "detent",
+            &[("hold", size)],
+            &[
+                ("centre", low + 0.6 * way),
+                ("width", 0.05 * way),
+                ("round", 0.0),
+            ],
+            true,
+        ),
+        effect(
+            "catch",
+            &[("pull", 2.0 * size)],
+            &[
+                ("closed", low),
+                ("reach", 0.04 * way),
+                ("inverse_square", 0.0),
+            ],
+            true,
+        ),
+        effect(
+            "ripple",
+            &[("sine", 0.3 * size), ("cosine", 0.1 * size)],
+            &[("pitch", way / 12.0)],
+            true,
+        ),
+        effect(
+            "damping_zone",
+            &[("damping", size), ("beyond", 0.2 * size)],
+            &[
+                ("from", low),
+                ("to", low + 0.3 * way),
+                ("direction", -1.0),
+                ("edge", 0.05 * way),
+                ("relief", 0.7),
+            ],
+            true,
+        ),
+        effect(
+            "asymmetric_viscous",
+            &[("damping", 0.5 * size)],
+            &[("direction", 1.0)],
+            true,
+        ),
+        effect("quadratic_drag", &[("drag", 0.1 * size)], &[], true),
+        effect(
+            "asymmetric_coulomb",
+            &[("coulomb", 0.4 * size)],
+            &[("direction", -1.0)],
+            true,
+        ),
+        effect(
+            "stribeck",
+            &[("extra", 0.3 * size)],
+            &[("speed", 0.1)],
+            true,
+        ),
+        effect(
+            "position_dependent_friction",
+            &[("growth", 0.3 * size)],
+            &[("power", 2.0), ("from", low), ("range", way)],
+            true,
+        ),
+        effect(
+            "presliding",
+            &[("coulomb", size)],
+            &[("length", 0.02 * way), ("stiff", 0.0)],
+            false,
+        ),
+        effect("stiction", &[], &[("extra", size)], false),
+    ];
+    if kind == "revolute" {
+        effects.push(effect(
+            "gravity",
+            &[("sine", size), ("cosine", size)],
+            &[("lowest", 0.2)],
+            true,
+        ));
+    }
+    let twin = serde_json::json!({
+        "schema": "ft-identify/twin/1",
+        "joint": {"frame": "world", "kind": kind, "axis_direction": [0.6, 0.0, 0.8], "axis_point": [1, 2, 0],
+                  "tool_position": [1.8, 2.3, 1.1], "q_range": range, "coordinate": {"sign": 1.0, "offset": 0.0}},
+        "beta": {"names": ["inertia", "coulomb", "viscous"], "units": ["", "", ""],
+                 "values": [inertia, 0.2 * size, null], "covariance": []},
+        "effects": effects, "domain": {"q": range, "dq": [-1.5, 1.5]}, "mechanism": null,
+        "provenance": {"recordings": [], "version": "test", "calibration": null, "held_out_rms": null}
+    });
+    Twin::from_json(&twin.to_string()).unwrap()
+}
+
+#[test]
+fn named_effects_light_joints_and_negative_ranges_are_what_the_export_announced() {
+    // A very light lid that counts backward from its grasp; a drawer with the same, and one with nothing but friction.
+    let lid = with_every_effect("revolute", [-1.4, -0.1], 0.02, 0.3);
+    let drawer = with_every_effect("prismatic", [-0.1, 0.35], 8.0, 10.0).in_coordinate(true, 0.4);
+    let mut plain = with_every_effect("prismatic", [-0.1, 0.35], 8.0, 10.0);
+    plain.effects.clear();
+    for (twin, released, kind) in [
+        (lid, "-1rad", ["revolute", "angular"]),
+        (drawer, "0.3m", ["prismatic", "linear"]),
+        (plain, "0.3m", ["prismatic", "linear"]),
+    ] {
+        let folder = tempdir().unwrap();
+        let Some((found, swing)) = judged(&twin, released, folder.path()) else {
+            return;
+        };
+        agrees(&twin, &found, kind);
+        let left_out: Vec<&str> = twin.left_out().collect();
+        assert_eq!(found["left_out"], serde_json::json!(left_out));
+        assert_eq!(found["not_identified"], serde_json::json!(["viscous"]));
+        assert_eq!(found["left_out_in_text"], !left_out.is_empty(), "{found}");
+        if swing["end"]["how"] == "arrived" {
+            let (ours, theirs) = (
+                number(&swing["end"]["time"]),
+                number(&found["mujoco_swing_s"]),
+            );
+            assert!(
+                (theirs / ours - 1.0).abs() < 0.02,
+                "MuJoCo {theirs} s, ours {ours} s"
+            );
+        }
+    }
 }
 
 /// A door that a spring, a damper and dry friction are: what the USD's joint attributes hold whole.

@@ -123,25 +123,24 @@ fn rust_nanoseconds(path: &Path) -> f64 {
     let evaluator = twin.evaluator();
     let domain = evaluator.domain();
     let mut seed = 1_u64;
-    let mut within = |[low, high]: [f64; 2]| {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        low + (high - low) * (seed >> 11) as f64 / (1_u64 << 53) as f64
+    let mut within = |[low, high]: [f64; 2]| -> Vec<f64> {
+        let mut next = || {
+            seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            low + (high - low) * (seed >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..1_000_000).map(|_| next()).collect()
     };
-    let states: Vec<[f64; 3]> = (0..1_000_000)
-        .map(|_| [within(domain.q), within(domain.dq), within([-3.0, 3.0])])
-        .collect();
-    (0..15)
+    let [q, dq, ddq] = [within(domain.q), within(domain.dq), within([-3.0, 3.0])];
+    let mut efforts = vec![0.0; q.len()];
+    (0..60)
         .map(|_| {
             let began = Instant::now();
-            let efforts: Vec<f64> = states
-                .iter()
-                .map(|[q, dq, ddq]| evaluator.effort(*q, *dq, *ddq))
-                .collect();
+            evaluator.efforts(&q, &dq, &ddq, &mut efforts).unwrap();
             let taken = began.elapsed().as_secs_f64();
             assert!(efforts.iter().all(|effort| effort.is_finite()));
-            1e9 * taken / states.len() as f64
+            1e9 * taken / q.len() as f64
         })
         .fold(f64::INFINITY, f64::min)
 }
@@ -150,17 +149,11 @@ fn rust_nanoseconds(path: &Path) -> f64 {
 fn the_wheel_gives_what_the_library_gives() {
     let Some(tried) = tried() else { return };
     let twin = tried.path("door/twin.json");
-    let rust = rust_nanoseconds(&twin);
     let script = workspace_root().join("tests/peers/wheel.py");
-    let found = finish(
-        tried
-            .script(&script)
-            .arg(tried.path("door.mcap"))
-            .arg(&twin)
-            .arg(rust.to_string()),
-    )
-    .expect_code(0)
-    .json();
+    let mut command = tried.script(&script);
+    let found = finish(command.arg(tried.path("door.mcap")).arg(&twin))
+        .expect_code(0)
+        .json();
     println!("{found:#}");
     for error in [
         "array_error",
@@ -169,7 +162,7 @@ fn the_wheel_gives_what_the_library_gives() {
         "list_error",
         "terms_error",
         "moved_error",
-        "numpy_error",
+        "out_error",
         "identified_effort_error",
     ] {
         assert!(number(&found[error]) < 1e-9, "{error}: {}", found[error]);
@@ -181,6 +174,8 @@ fn the_wheel_gives_what_the_library_gives() {
             "shapes_refused",
             "ValueError: `q` has shape [3], `dq` has [4]",
         ),
+        ("out_refused", "ValueError: `out` has shape [7], the states"),
+        ("out_is_input_refused", "ValueError: `out` is unfit"),
         ("missing_refused", "FileNotFoundError: no/such/twin.json"),
         ("bad_refused", "ValueError: not a twin"),
         ("transform_refused", "ValueError: name_from_old is no rigid"),
@@ -218,11 +213,104 @@ fn the_wheel_gives_what_the_library_gives() {
     assert_eq!(found["report"][0], report["schema"]);
     assert_eq!(found["report"][1], report["final"]["verdict"]);
     assert_eq!(found["samples_of_joint"], true);
-    assert!(
-        number(&found["python_over_rust"]) < 1.5,
-        "{}",
-        found["ns_per_state"]
-    );
+}
+
+/// Debian's Python, when it has PyTorch; else the fresh one.
+fn with_torch(tried: &Tried) -> PathBuf {
+    let system = Path::new("/usr/bin/python3");
+    let has = Command::new(system)
+        .args(["-c", "import torch, numpy"])
+        .output();
+    if has.is_ok_and(|output| output.status.success()) {
+        return system.to_owned();
+    }
+    eprintln!("skipped: python_wheel: the PyTorch half (apt install python3-torch)");
+    tried.python.clone()
+}
+
+#[test]
+fn numpy_and_torch_evaluate_the_same_model_slower() {
+    let Some(tried) = tried() else { return };
+    let twin = tried.path("door/twin.json");
+    let rust = rust_nanoseconds(&twin);
+    // Unpacked for a Python that it was not installed into.
+    let unpacked = tried.path("unpacked");
+    let wheels = std::fs::read_dir(tried.path("wheels")).unwrap();
+    let wheel = wheels.filter_map(Result::ok).next().unwrap().path();
+    finish(
+        Command::new(&tried.python)
+            .args(["-m", "zipfile", "-e"])
+            .arg(wheel)
+            .arg(&unpacked),
+    )
+    .expect_code(0);
+    let export = [
+        "export",
+        "door/twin.json",
+        "--to",
+        "usd",
+        "--name",
+        "door",
+        "-o",
+        "assets",
+    ];
+    programs::run("ft-identify", &export, tried.folder.path()).expect_code(0);
+    let root = workspace_root();
+    let mut command = Command::new(with_torch(&tried));
+    command
+        .env("PYTHONPATH", unpacked)
+        .arg(root.join("tests/peers/evaluations.py"))
+        .arg(&twin)
+        .arg(rust.to_string())
+        .arg(tried.path("assets/door.usda.mechanism.json"))
+        .arg(root.join("identify/python/examples/torch_environments.py"));
+    let found = finish(&mut command).expect_code(0).json();
+    println!("{found:#}");
+    assert!(number(&found["numpy_error"]) < 1e-9);
+    for python in ["python, out given", "python, a new array each time"] {
+        assert!(
+            number(&found["over_rust"][python]) < 1.5,
+            "{}",
+            found["ns_per_state"]
+        );
+    }
+    if !found["torch"].is_null() {
+        assert!(number(&found["torch_error"]) < 1e-9);
+        assert!(number(&found["torch_example_error"]) < 0.01);
+        assert!(number(&found["torch_example_error_beyond"]) < 0.02);
+    }
+}
+
+#[test]
+fn the_readme_s_python_runs() {
+    let Some(tried) = tried() else { return };
+    let folder = tried.path("readme");
+    std::fs::create_dir_all(folder.join("twin")).unwrap();
+    std::fs::copy(tried.path("door/twin.json"), folder.join("twin/twin.json")).unwrap();
+    std::fs::copy(tried.path("door.mcap"), folder.join("door.mcap")).unwrap();
+    let readme = std::fs::read_to_string(workspace_root().join("README.md")).unwrap();
+    // The section's own command for the assets.
+    let export = readme
+        .lines()
+        .find(|line| line.starts_with("ft-identify export twin/"))
+        .unwrap();
+    let arguments: Vec<&str> = export.split_whitespace().skip(1).collect();
+    programs::run("ft-identify", &arguments, &folder).expect_code(0);
+    let script = workspace_root().join("tests/peers/readme.py");
+    let found = finish(
+        tried
+            .beside_peers(&script)
+            .arg(workspace_root().join("README.md"))
+            .current_dir(&folder),
+    )
+    .expect_code(0)
+    .json();
+    println!("{found}");
+    assert_eq!(found["blocks"], 3);
+    assert_eq!(found["callback_installed"], true);
+    assert!(number(&found["onnx_off"]) < 0.01, "{found}");
+    assert!(number(&found["force_off"]) < 1e-9, "{found}");
+    assert_eq!(found["report"], "ft-identify/report/1");
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Numbers and arrays as arguments, arrays as answers.
 
 use numpy::ndarray::{ArrayD, IxDyn};
-use numpy::{IntoPyArray, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use ft_identify::twin::{Each, Evaluator};
+use numpy::{IntoPyArray, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyInt};
 
@@ -12,22 +13,6 @@ use crate::wrong;
 enum Values<'py> {
     One(f64),
     Many(PyReadonlyArrayDyn<'py, f64>),
-}
-
-/// Where to take a number for the state of an index.
-#[derive(Clone, Copy)]
-enum View<'a> {
-    One(f64),
-    Many(&'a [f64]),
-}
-
-impl View<'_> {
-    fn at(self, i: usize) -> f64 {
-        match self {
-            Self::One(value) => value,
-            Self::Many(values) => values[i],
-        }
-    }
 }
 
 impl<'py> Values<'py> {
@@ -45,21 +30,26 @@ impl<'py> Values<'py> {
         }
     }
 
-    fn view(&self) -> PyResult<View<'_>> {
+    fn each(&self) -> PyResult<Each<'_>> {
         match self {
-            Self::One(value) => Ok(View::One(*value)),
-            Self::Many(array) => Ok(View::Many(array.as_slice().map_err(wrong)?)),
+            Self::One(value) => Ok(Each::Same(*value)),
+            Self::Many(array) => Ok(Each::Own(array.as_slice().map_err(wrong)?)),
         }
     }
 }
 
-/// What `f` gives for each state: a float for three numbers, else an array of the shape that all arrays have.
-pub(crate) fn over_states<'py>(
-    arguments: [(&str, &Bound<'py, PyAny>); 3],
-    f: impl Fn(f64, f64, f64) -> f64 + Sync,
-) -> PyResult<Bound<'py, PyAny>> {
-    let [(_, first), ..] = arguments;
-    let py = first.py();
+/// Number `i` of a quantity.
+fn at(each: Each<'_>, i: usize) -> f64 {
+    match each {
+        Each::Same(value) => value,
+        Each::Own(values) => values[i],
+    }
+}
+
+type Arguments<'a, 'py> = [(&'static str, &'a Bound<'py, PyAny>); 3];
+
+/// The arguments, and the shape that all arrays among them have; none when all are numbers.
+fn values<'py>(arguments: Arguments<'_, 'py>) -> PyResult<([Values<'py>; 3], Option<Vec<usize>>)> {
     let [q, dq, ddq] = arguments.map(|(_, value)| Values::of(value));
     let values = [q?, dq?, ddq?];
     let mut shape: Option<(&str, &[usize])> = None;
@@ -76,25 +66,54 @@ pub(crate) fn over_states<'py>(
             Some(_) => {}
         }
     }
-    let [q, dq, ddq] = [values[0].view()?, values[1].view()?, values[2].view()?];
-    let Some((_, shape)) = shape else {
-        let value = f(q.at(0), dq.at(0), ddq.at(0));
-        return Ok(PyFloat::new(py, value).into_any());
+    let shape = shape.map(|(_, shape)| shape.to_vec());
+    Ok((values, shape))
+}
+
+/// Efforts at states: a float for three numbers, else an array of the shape that all arrays have; `out` itself when it is given.
+pub(crate) fn efforts<'py>(
+    evaluator: &Evaluator,
+    arguments: Arguments<'_, 'py>,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let py = arguments[0].1.py();
+    let (values, shape) = values(arguments)?;
+    let [q, dq, ddq] = [values[0].each()?, values[1].each()?, values[2].each()?];
+    let into = |efforts: &mut [f64]| py.detach(|| evaluator.efforts(q, dq, ddq, efforts)).map_err(wrong);
+    let Some(out) = out else {
+        let Some(shape) = shape else {
+            let effort = evaluator.effort(at(q, 0), at(dq, 0), at(ddq, 0));
+            return Ok(PyFloat::new(py, effort).into_any());
+        };
+        let mut efforts = vec![0.0; shape.iter().product()];
+        into(&mut efforts)?;
+        let array = ArrayD::from_shape_vec(IxDyn(&shape), efforts).map_err(wrong)?;
+        return Ok(array.into_pyarray(py).into_any());
+    };
+    let refused = |why: String| wrong(format!("`out` {why}: give an array of doubles in C order that is none of the others"));
+    let mut array: PyReadwriteArrayDyn<'py, f64> = out.extract().map_err(|error| refused(format!("is unfit ({error})")))?;
+    if shape.as_deref().is_some_and(|wanted| wanted != array.shape()) {
+        return Err(refused(format!("has shape {:?}, the states {:?}", array.shape(), shape.unwrap_or_default())));
+    }
+    into(array.as_slice_mut().map_err(|error| refused(error.to_string()))?)?;
+    Ok(out.clone())
+}
+
+/// What `f` gives for each state: a float for three numbers, else an array of the shape that all arrays have.
+pub(crate) fn over_states<'py>(
+    arguments: Arguments<'_, 'py>,
+    f: impl Fn(f64, f64, f64) -> f64 + Sync,
+) -> PyResult<Bound<'py, PyAny>> {
+    let py = arguments[0].1.py();
+    let (values, shape) = values(arguments)?;
+    let [q, dq, ddq] = [values[0].each()?, values[1].each()?, values[2].each()?];
+    let one = |i| f(at(q, i), at(dq, i), at(ddq, i));
+    let Some(shape) = shape else {
+        return Ok(PyFloat::new(py, one(0)).into_any());
     };
     let count = shape.iter().product();
-    let efforts: Vec<f64> = py.detach(|| match (q, dq, ddq) {
-        // The usual cases without a choice per number.
-        (View::Many(q), View::Many(dq), View::Many(ddq)) => q
-            .iter()
-            .zip(dq)
-            .zip(ddq)
-            .map(|((q, dq), ddq)| f(*q, *dq, *ddq))
-            .collect(),
-        _ => (0..count)
-            .map(|i| f(q.at(i), dq.at(i), ddq.at(i)))
-            .collect(),
-    });
-    let array = ArrayD::from_shape_vec(IxDyn(shape), efforts).map_err(wrong)?;
+    let all: Vec<f64> = py.detach(|| (0..count).map(one).collect());
+    let array = ArrayD::from_shape_vec(IxDyn(&shape), all).map_err(wrong)?;
     Ok(array.into_pyarray(py).into_any())
 }
 

@@ -10,7 +10,7 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::over_states;
+use crate::arrays::{efforts, over_states};
 use crate::{impossible, wrong};
 
 /// A `twin.json`, ready for evaluation.
@@ -92,19 +92,24 @@ impl Twin {
         self.twin.left_out().map(str::to_owned).collect()
     }
 
-    /// Effort at states: each argument a number or an array, all arrays of one shape.
-    #[pyo3(signature = (q, dq, ddq = None))]
+    /// Parameters that the data did not show, which count as 0.
+    #[getter]
+    fn not_identified(&self) -> Vec<String> {
+        self.twin.not_identified().map(str::to_owned).collect()
+    }
+
+    /// Effort at states: each argument a number or an array, all arrays of one shape; into `out` when it is given.
+    #[pyo3(signature = (q, dq, ddq = None, out = None))]
     fn effort<'py>(
         &self,
         q: &Bound<'py, PyAny>,
         dq: &Bound<'py, PyAny>,
         ddq: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let zero = pyo3::types::PyFloat::new(q.py(), 0.0).into_any();
         let ddq = ddq.unwrap_or(&zero);
-        over_states([("q", q), ("dq", dq), ("ddq", ddq)], |q, dq, ddq| {
-            self.evaluator.effort(q, dq, ddq)
-        })
+        efforts(&self.evaluator, [("q", q), ("dq", dq), ("ddq", ddq)], out)
     }
 
     /// The effort's terms: `inertia`, `coulomb`, `viscous`, `effects`, `mechanism`.

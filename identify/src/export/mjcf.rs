@@ -18,8 +18,8 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
     let [i1, i2, i3] = scene.inertia;
     let [width, height, thickness] = scene.panel_size.map(|size| 0.5 * size);
     format!(
-        r#"<!-- {name}: measured joint, frame `{frame}`, written by {version}. The joint's own attributes are {error} (root mean square, over
-     the probed domain) from the twin; {name}_passive.py adds what they lack. Stiffness and damping are polynomials of degree 3: MuJoCo 3.12 or later. -->
+        r#"<!-- {name}: measured joint, frame `{frame}`, written by {version}. The joint's own attributes are
+     {error}; {name}_passive.py adds what they lack. Stiffness and damping are polynomials of degree 3: MuJoCo 3.12 or later. -->
 <mujoco model="{name}">
   <compiler angle="radian"/>
   <option timestep="0.0005" integrator="implicitfast"/>
@@ -37,7 +37,7 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
 "#,
         frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = percent(native),
+        error = percent(twin, native),
         origin = three(&scene.origin.coords),
         turn = wxyz(&scene.x_to_axis),
         mass = scene.mass,
@@ -67,7 +67,8 @@ import numpy as np
 
 
 class Table:
-    """Effort (N m or N) beyond the joint's attributes, over coordinate, speed and direction; q and dq may be arrays."""
+    """Effort (N m or N) without inertia over coordinate, speed and direction, and what of it the joint's attributes hold; q and dq may
+    be arrays. Faster than the table it goes on straight, outside the range of q it is held."""
 
     def __init__(self, path):
         read = json.loads(pathlib.Path(path).read_text())
@@ -75,19 +76,27 @@ class Table:
         self.speed = read["speed"]
         along, speeds = read["nodes"]
         self.efforts = np.array(read["efforts"]).reshape(2, along, speeds)
+        self.held = read["native"]
 
     def __call__(self, q, dq):
         _, along, speeds = self.efforts.shape
         at_q = np.clip((np.asarray(q) - self.low) / (self.high - self.low), 0.0, 1.0) * (along - 1)
-        at_s = np.sqrt(np.clip(np.abs(dq) / self.speed, 0.0, 1.0)) * (speeds - 1)
-        i, j = (np.minimum(at.astype(int), n - 2) for at, n in ((at_q, along), (at_s, speeds)))
-        u, v = at_q - i, at_s - j
+        at_speed = np.abs(dq) / self.speed * (speeds - 1) ** 2  # nodes at the squares of whole numbers
+        i, j = (np.minimum(at.astype(int), n - 2) for at, n in ((at_q, along), (np.sqrt(at_speed), speeds)))
+        u, v = at_q - i, (at_speed - j * j) / (2 * j + 1)
 
         def one(way):
             e = self.efforts[way]
             return (1 - u) * ((1 - v) * e[i, j] + v * e[i, j + 1]) + u * ((1 - v) * e[i + 1, j] + v * e[i + 1, j + 1])
 
         return np.where(np.asarray(dq) > 0, one(0), np.where(np.asarray(dq) < 0, one(1), 0.5 * (one(0) + one(1))))
+
+    def native(self, q, dq):
+        """Effort that the joint's own stiffness, damping and friction have."""
+        x, v = np.asarray(q) - self.held["reference"], np.abs(dq)
+        spring = sum(k * x ** (n + 1) for n, k in enumerate(self.held["stiffness"]))
+        damper = sum(k * v ** (n + 1) for n, k in enumerate(self.held["damping"]))
+        return spring + np.sign(dq) * (damper + self.held["friction"])
 
 
 _installed = mujoco.__dict__.setdefault("_passive_tables", [])
@@ -96,7 +105,7 @@ _installed = mujoco.__dict__.setdefault("_passive_tables", [])
 def _passive(m, d):
     for model, table, q, v in _installed:
         if m is model:
-            d.qfrc_passive[v] -= table(d.qpos[q], d.qvel[v])
+            d.qfrc_passive[v] -= table(d.qpos[q], d.qvel[v]) - table.native(d.qpos[q], d.qvel[v])
 
 
 def install(model, joint="{name}_joint", table=None):

@@ -31,8 +31,7 @@ pub struct Native {
 
 impl Native {
     /// Nothing at all.
-    #[must_use]
-    pub fn none() -> Self {
+    fn none() -> Self {
         Self {
             reference: 0.0,
             stiffness: [0.0; 3],

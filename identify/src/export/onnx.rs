@@ -1,6 +1,6 @@
 //! The effort without inertia as an ONNX graph: `effort = f(q, dq)`, float32, any number of states at once.
 //!
-//! Bilinear interpolation of a [`Table`]: clip, floor, gather the four corners, mix. The messages are written field by
+//! Bilinear interpolation of a [`Table`]: floor, gather the four corners, mix; straight on beyond the last speed. The messages are written field by
 //! field (onnx.proto, IR version 8, opset 13), which needs only protobuf's varint and length-delimited fields.
 
 use super::table::Table;
@@ -125,10 +125,10 @@ pub(super) fn model(table: &Table, twin: &Twin) -> Vec<u8> {
     graph.floats("efforts", &[values.len() as u64], &values);
     graph.scalar("low", table.q[0]);
     graph.scalar("per_q", (along - 1) as f64 / (table.q[1] - table.q[0]));
-    graph.scalar("per_speed", 1.0 / table.speed);
-    graph.scalar("speeds", (speeds - 1) as f64);
+    graph.scalar("per_speed", ((speeds - 1) as f64).powi(2) / table.speed);
     graph.scalar("zero", 0.0);
     graph.scalar("one", 1.0);
+    graph.scalar("two", 2.0);
     graph.scalar("half", 0.5);
     graph.scalar("last_q", (along - 1) as f64);
     graph.scalar("last_cell_q", (along - 2) as f64);
@@ -140,18 +140,25 @@ pub(super) fn model(table: &Table, twin: &Twin) -> Vec<u8> {
     let scaled = graph.node("Mul", &[&from_low, "per_q"], vec![]);
     let at_q = graph.node("Clip", &[&scaled, "zero", "last_q"], vec![]);
     let speed = graph.node("Abs", &["dq"], vec![]);
-    let share = graph.node("Mul", &[&speed, "per_speed"], vec![]);
-    let share = graph.node("Clip", &[&share, "zero", "one"], vec![]);
-    let root = graph.node("Sqrt", &[&share], vec![]);
-    let at_speed = graph.node("Mul", &[&root, "speeds"], vec![]);
+    // Nodes of the speed lie at the squares of whole numbers.
+    let at_speed = graph.node("Mul", &[&speed, "per_speed"], vec![]);
+    let root = graph.node("Sqrt", &[&at_speed], vec![]);
     let cell = |graph: &mut Graph, at: &str, last: &str| {
         let floor = graph.node("Floor", &[at], vec![]);
-        let first = graph.node("Min", &[&floor, last], vec![]);
-        let part = graph.node("Sub", &[at, &first], vec![]);
-        (graph.cast_to_integer(&first), part)
+        graph.node("Min", &[&floor, last], vec![])
     };
-    let (i, u) = cell(&mut graph, &at_q, "last_cell_q");
-    let (j, v) = cell(&mut graph, &at_speed, "last_cell_speed");
+    let first_q = cell(&mut graph, &at_q, "last_cell_q");
+    let u = graph.node("Sub", &[&at_q, &first_q], vec![]);
+    let first_speed = cell(&mut graph, &root, "last_cell_speed");
+    let square = graph.node("Mul", &[&first_speed, &first_speed], vec![]);
+    let part = graph.node("Sub", &[&at_speed, &square], vec![]);
+    let twice = graph.node("Mul", &[&first_speed, "two"], vec![]);
+    let width = graph.node("Add", &[&twice, "one"], vec![]);
+    let v = graph.node("Div", &[&part, &width], vec![]);
+    let (i, j) = (
+        graph.cast_to_integer(&first_q),
+        graph.cast_to_integer(&first_speed),
+    );
     let rows = graph.node("Mul", &[&i, "row"], vec![]);
     let corner = graph.node("Add", &[&rows, &j], vec![]);
     let mut ways = Vec::new();

@@ -21,8 +21,8 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
     let fastest = 10.0 * twin.evaluator().fastest();
     format!(
         r#"<?xml version="1.0"?>
-<!-- {name}: measured joint, frame `{frame}`, written by {version}. URDF has damping and friction only: they are {error} (root mean square, over
-     the probed domain) from the twin; {name}.urdf.mechanism.json holds the rest. Gravity is in that table: the link must not feel
+<!-- {name}: measured joint, frame `{frame}`, written by {version}. URDF has damping and friction only: they are
+     {error}; {name}.urdf.mechanism.json holds the whole effort. Gravity is in that effort: the link must not feel
      it (a turning link has its mass on the axis; for a sliding one switch gravity off, as the gazebo element does). -->
 <robot name="{name}">
   <link name="{frame}"/>
@@ -58,7 +58,7 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
 "#,
         frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = percent(native),
+        error = percent(twin, native),
         origin = three(&scene.origin.coords),
         axis = three(&scene.axis),
         damping = native.damping[0],

@@ -34,7 +34,7 @@ pub(super) fn document(name: &str, twin: &Twin, native: &Native, scene: &Scene) 
         r#"#usda 1.0
 (
     defaultPrim = "{name}"
-    doc = """Measured joint, frame `{frame}`, written by {version}. Drive and friction are {error} (root mean square, over the probed domain) from the twin; {name}.usda.mechanism.json holds the rest."""
+    doc = """Measured joint, frame `{frame}`, written by {version}. Drive and friction are {error}; {name}.usda.mechanism.json holds the whole effort."""
     metersPerUnit = 1
     kilogramsPerUnit = 1
     upAxis = "Z"
@@ -120,7 +120,7 @@ def Xform "{name}" (
 "#,
         frame = identifier(&twin.joint.frame),
         version = twin.provenance.version,
-        error = percent(native),
+        error = percent(twin, native),
         mass = scene.mass,
         turn = quat(&scene.x_to_axis),
         panel = quat(&scene.panel_rotation),

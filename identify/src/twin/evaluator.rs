@@ -1,6 +1,4 @@
-//! Effort of a twin at a state, term by term, for controllers and simulators, and at many states at once.
-
-use pulp::{Arch, NullaryFnOnce};
+//! Effort of a twin at a state, term by term, for controllers and simulators.
 
 use super::pieces::{BLOCK, Pieces};
 use super::{Coordinate, Twin};
@@ -35,8 +33,14 @@ impl Terms {
     }
 }
 
+/// Named effects keep to their laws up to this many times the fastest probed speed, and go on straight beyond; exported tables
+/// end there, and go on straight too.
+pub(crate) const BEYOND: f64 = 2.0;
+/// Where the line begins that goes on: an exported table's last node but one, over the last.
+const LAST_BUT_ONE: f64 = (63.0 / 64.0) * (63.0 / 64.0);
+
 /// A state that was not probed. What the twin says there means nothing: its curves are held at their edges, damping as that at
-/// the edge of speed, and named effects go on by their law.
+/// the edge of speed; named effects keep to their laws, beyond twice the fastest probed speed they go on straight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outside {
     /// The coordinate is outside.
@@ -51,6 +55,7 @@ pub struct Evaluator {
     kind: JointKind,
     coordinate: Coordinate,
     domain: Domain,
+    range: [f64; 2],
     inertia: f64,
     coulomb: f64,
     viscous: f64,
@@ -59,30 +64,10 @@ pub struct Evaluator {
     mechanism: Option<Pieces>,
 }
 
-/// One quantity of many states.
-#[derive(Clone, Copy, Debug)]
-pub enum Each<'a> {
-    /// The same in all.
-    Same(f64),
-    /// One number for each.
-    Own(&'a [f64]),
-}
-
-/// Arrays of states that are not of one length.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{name}` has {got} states, the efforts have {expected}: give as many, or one number")]
-pub struct LengthError {
-    /// `q`, `dq` or `ddq`.
-    pub name: &'static str,
-    /// Length of the array for the efforts.
-    pub expected: usize,
-    /// Length of the array.
-    pub got: usize,
-}
-
 #[derive(Clone, Debug)]
 struct Effect {
-    at: AtState,
+    law: AtState,
+    fastest: f64,
     shape: Vec<f64>,
     terms: [f64; 2],
 }
@@ -107,7 +92,8 @@ impl Evaluator {
                     found.map_or(0.0, |term| term.value)
                 };
                 Some(Effect {
-                    at: kind.at?,
+                    law: kind.at?,
+                    fastest: BEYOND * fastest(&twin.domain),
                     shape: effect.shape.iter().map(|number| number.value).collect(),
                     terms: [0, 1].map(|i| kind.terms.get(i).map_or(0.0, |of| term(of.0))),
                 })
@@ -117,6 +103,7 @@ impl Evaluator {
             kind: twin.joint.kind,
             coordinate: twin.joint.coordinate,
             domain: twin.domain.clone(),
+            range: twin.joint.q_range,
             inertia: value("inertia"),
             coulomb: value("coulomb"),
             viscous: value("viscous"),
@@ -150,50 +137,23 @@ impl Evaluator {
         self.terms(q, dq, ddq).total()
     }
 
-    /// Writes the efforts at as many states as `out` has room for, as [`Self::effort`] gives them one by one, in vectors and without
-    /// allocation. The states may be cut and given to several threads.
-    ///
-    /// # Errors
-    /// [`LengthError`]: an array is longer or shorter than `out`, which is left as it was.
-    pub fn efforts<'a>(
-        &self,
-        q: impl Into<Each<'a>>,
-        dq: impl Into<Each<'a>>,
-        ddq: impl Into<Each<'a>>,
-        out: &mut [f64],
-    ) -> Result<(), LengthError> {
-        let states = [q.into(), dq.into(), ddq.into()];
-        for (each, name) in states.into_iter().zip(["q", "dq", "ddq"]) {
-            if let Some(got) = each.len().filter(|got| *got != out.len()) {
-                let expected = out.len();
-                return Err(LengthError {
-                    name,
-                    expected,
-                    got,
-                });
-            }
-        }
-        Arch::new().dispatch(Batch {
-            evaluator: self,
-            states,
-            out,
-        });
-        Ok(())
-    }
-
+    /// The efforts at a block of states.
     #[inline(always)]
-    fn block(&self, [q, dq, ddq]: [&[f64; BLOCK]; 3], out: &mut [f64; BLOCK]) {
+    pub(super) fn block(&self, [q, dq, ddq]: [&[f64; BLOCK]; 3], out: &mut [f64; BLOCK]) {
         let Coordinate { sign, offset } = self.coordinate;
         let (mut at, mut rate) = ([0.0; BLOCK], [0.0; BLOCK]);
         for k in 0..BLOCK {
             at[k] = sign * (q[k] - offset);
             rate[k] = sign * dq[k];
-            let dry = if rate[k] == 0.0 {
+            let sgn = if rate[k] == 0.0 {
                 0.0
             } else {
-                self.coulomb.copysign(rate[k])
+                1.0_f64.copysign(rate[k])
             };
-            out[k] = self.inertia * sign * ddq[k] + dry + self.viscous * rate[k] + self.load;
+            out[k] = self.inertia * sign * ddq[k]
+                + self.coulomb * sgn
+                + self.viscous * rate[k]
+                + self.load;
         }
         if let Some(pieces) = &self.mechanism {
             pieces.add(&at, &rate, out);
@@ -299,7 +259,7 @@ impl Evaluator {
     /// Highest speed that was probed in either direction, at least 0.001 rad/s or m/s.
     #[must_use]
     pub fn fastest(&self) -> f64 {
-        self.domain.dq.iter().fold(1e-3, |all, v| all.max(v.abs()))
+        fastest(&self.domain)
     }
 
     /// What kind of joint it is.
@@ -314,6 +274,12 @@ impl Evaluator {
         self.inertia
     }
 
+    /// Range of the joint as far as it is known, rad or m, in the twin's coordinate.
+    #[must_use]
+    pub fn range(&self) -> [f64; 2] {
+        self.range
+    }
+
     /// Where the twin was probed, in its own coordinate.
     #[must_use]
     pub fn domain(&self) -> &Domain {
@@ -323,92 +289,22 @@ impl Evaluator {
 
 impl Effect {
     fn effort(&self, q: f64, dq: f64) -> f64 {
-        let per_term = (self.at)(&self.shape, q, dq);
+        let within = dq.clamp(-self.fastest, self.fastest);
+        let effort = self.by_law(q, within);
+        if within == dq {
+            return effort;
+        }
+        let before = self.by_law(q, LAST_BUT_ONE * within);
+        effort + (effort - before) * (dq / within - 1.0) / (1.0 - LAST_BUT_ONE)
+    }
+
+    fn by_law(&self, q: f64, dq: f64) -> f64 {
+        let per_term = (self.law)(&self.shape, q, dq);
         self.terms[0] * per_term[0] + self.terms[1] * per_term[1]
     }
 }
 
-impl Each<'_> {
-    fn len(&self) -> Option<usize> {
-        match self {
-            Self::Same(_) => None,
-            Self::Own(values) => Some(values.len()),
-        }
-    }
-
-    /// The block from `from` on; where the states end within it, their copy in `scratch`, zeros behind it.
-    #[inline(always)]
-    fn block<'b>(&'b self, from: usize, scratch: &'b mut [f64; BLOCK]) -> &'b [f64; BLOCK] {
-        let values = match self {
-            Self::Same(value) => {
-                *scratch = [*value; BLOCK];
-                return scratch;
-            }
-            Self::Own(values) => values.get(from..).unwrap_or_default(),
-        };
-        if let Some(whole) = values.first_chunk() {
-            return whole;
-        }
-        *scratch = [0.0; BLOCK];
-        for (copy, value) in scratch.iter_mut().zip(values) {
-            *copy = *value;
-        }
-        scratch
-    }
-}
-
-impl From<f64> for Each<'_> {
-    fn from(value: f64) -> Self {
-        Self::Same(value)
-    }
-}
-
-impl<'a> From<&'a [f64]> for Each<'a> {
-    fn from(values: &'a [f64]) -> Self {
-        Self::Own(values)
-    }
-}
-
-impl<'a> From<&'a Vec<f64>> for Each<'a> {
-    fn from(values: &'a Vec<f64>) -> Self {
-        Self::Own(values)
-    }
-}
-
-/// [`Evaluator::efforts`] as a function that is compiled for what the processor has.
-struct Batch<'a> {
-    evaluator: &'a Evaluator,
-    states: [Each<'a>; 3],
-    out: &'a mut [f64],
-}
-
-impl NullaryFnOnce for Batch<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self {
-            evaluator,
-            states: [q, dq, ddq],
-            out,
-        } = self;
-        let [mut a, mut b, mut c, mut rest] = [[0.0; BLOCK]; 4];
-        for (i, out) in out.chunks_mut(BLOCK).enumerate() {
-            let from = i * BLOCK;
-            let states = [
-                q.block(from, &mut a),
-                dq.block(from, &mut b),
-                ddq.block(from, &mut c),
-            ];
-            match out.first_chunk_mut() {
-                Some(whole) => evaluator.block(states, whole),
-                None => {
-                    evaluator.block(states, &mut rest);
-                    for (effort, last) in out.iter_mut().zip(rest) {
-                        *effort = last;
-                    }
-                }
-            }
-        }
-    }
+/// Highest speed that was probed in either direction, at least 0.001 rad/s or m/s.
+fn fastest(domain: &Domain) -> f64 {
+    domain.dq.iter().fold(1e-3, |all, v| all.max(v.abs()))
 }

@@ -39,17 +39,21 @@ class Twin:
     @property
     def left_out(self) -> list[str]:
         """Effects with a memory, which no evaluation has."""
+    @property
+    def not_identified(self) -> list[str]:
+        """Parameters that the data did not show, which count as 0."""
     @overload
     def effort(self, q: float, dq: float, ddq: float = 0.0) -> float: ...
     @overload
-    def effort(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike = 0.0) -> _Floats:
-        """Effort at states. Each argument is a number or an array; all arrays have one shape."""
+    def effort(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike = 0.0, out: _Floats | None = None) -> _Floats:
+        """Effort at states. Each argument is a number or an array; all arrays have one shape. `out`, of that shape, receives the
+        efforts and is given back: nothing is allocated. Other Python threads run meanwhile."""
     def terms(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike = 0.0) -> dict[str, Any]:
         """`inertia`, `coulomb`, `viscous`, `effects`, `mechanism`: their sum is the effort."""
     def gradient(self, q: float, dq: float) -> tuple[float, float, float]:
         """Derivative of the effort by q, dq and ddq, the direction of motion held."""
     def outside(self, q: float, dq: float) -> str | None:
-        """`coordinate` or `velocity` when that was not probed: the effort is then the one at the edge."""
+        """`coordinate` or `velocity` when that was not probed: the effort then goes on from the edge and means nothing."""
     @property
     def axis(self) -> tuple[list[float], list[float]] | None:
         """Unit direction and a point, m, in the twin's frame; None for a table."""

@@ -212,8 +212,11 @@ impl Simulate {
     }
 }
 
-/// Effects with memory are in no evaluation; says so where somebody reads it.
+/// Says what no evaluation has: effects with memory, and parameters that nobody knows.
 fn tell_left_out(twin: &Twin) {
+    for name in twin.not_identified() {
+        eprintln!("not identified: `{name}` counts as 0");
+    }
     for effect in twin.left_out() {
         eprintln!("left out: `{effect}`, which has a memory and is no function of q and dq");
     }

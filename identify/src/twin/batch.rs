@@ -1,0 +1,145 @@
+//! Efforts at many states at once: blocks of them, in vectors as wide as the processor has.
+
+use pulp::{Arch, NullaryFnOnce};
+
+use super::evaluator::Evaluator;
+use super::pieces::BLOCK;
+
+/// One quantity of many states.
+#[derive(Clone, Copy, Debug)]
+pub enum Each<'a> {
+    /// The same in all.
+    Same(f64),
+    /// One number for each.
+    Own(&'a [f64]),
+}
+
+/// Arrays of states that are not of one length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` has {got} states, the efforts have {expected}: give as many, or one number")]
+pub struct LengthError {
+    /// `q`, `dq` or `ddq`.
+    pub name: &'static str,
+    /// Length of the array for the efforts.
+    pub expected: usize,
+    /// Length of the array.
+    pub got: usize,
+}
+
+impl Evaluator {
+    /// Writes the efforts at as many states as `out` has room for, as [`Self::effort`] gives them one by one, in vectors and without
+    /// allocation. The states may be cut and given to several threads.
+    ///
+    /// # Errors
+    /// [`LengthError`]: an array is longer or shorter than `out`, which is left as it was.
+    pub fn efforts<'a>(
+        &self,
+        q: impl Into<Each<'a>>,
+        dq: impl Into<Each<'a>>,
+        ddq: impl Into<Each<'a>>,
+        out: &mut [f64],
+    ) -> Result<(), LengthError> {
+        let states = [q.into(), dq.into(), ddq.into()];
+        for (each, name) in states.into_iter().zip(["q", "dq", "ddq"]) {
+            if let Some(got) = each.len().filter(|got| *got != out.len()) {
+                let expected = out.len();
+                return Err(LengthError {
+                    name,
+                    expected,
+                    got,
+                });
+            }
+        }
+        Arch::new().dispatch(Batch {
+            evaluator: self,
+            states,
+            out,
+        });
+        Ok(())
+    }
+}
+
+impl Each<'_> {
+    fn len(&self) -> Option<usize> {
+        match self {
+            Self::Same(_) => None,
+            Self::Own(values) => Some(values.len()),
+        }
+    }
+
+    /// The block from `from` on; where the states end within it, their copy in `scratch`, zeros behind it.
+    #[inline(always)]
+    fn block<'b>(&'b self, from: usize, scratch: &'b mut [f64; BLOCK]) -> &'b [f64; BLOCK] {
+        let values = match self {
+            Self::Same(value) => {
+                *scratch = [*value; BLOCK];
+                return scratch;
+            }
+            Self::Own(values) => values.get(from..).unwrap_or_default(),
+        };
+        if let Some(whole) = values.first_chunk() {
+            return whole;
+        }
+        *scratch = [0.0; BLOCK];
+        for (copy, value) in scratch.iter_mut().zip(values) {
+            *copy = *value;
+        }
+        scratch
+    }
+}
+
+impl From<f64> for Each<'_> {
+    fn from(value: f64) -> Self {
+        Self::Same(value)
+    }
+}
+
+impl<'a> From<&'a [f64]> for Each<'a> {
+    fn from(values: &'a [f64]) -> Self {
+        Self::Own(values)
+    }
+}
+
+impl<'a> From<&'a Vec<f64>> for Each<'a> {
+    fn from(values: &'a Vec<f64>) -> Self {
+        Self::Own(values)
+    }
+}
+
+/// [`Evaluator::efforts`] as a function that is compiled for what the processor has.
+struct Batch<'a> {
+    evaluator: &'a Evaluator,
+    states: [Each<'a>; 3],
+    out: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Batch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            evaluator,
+            states: [q, dq, ddq],
+            out,
+        } = self;
+        let [mut a, mut b, mut c, mut rest] = [[0.0; BLOCK]; 4];
+        for (i, out) in out.chunks_mut(BLOCK).enumerate() {
+            let from = i * BLOCK;
+            let states = [
+                q.block(from, &mut a),
+                dq.block(from, &mut b),
+                ddq.block(from, &mut c),
+            ];
+            match out.first_chunk_mut() {
+                Some(whole) => evaluator.block(states, whole),
+                None => {
+                    evaluator.block(states, &mut rest);
+                    for (effort, last) in out.iter_mut().zip(rest) {
+                        *effort = last;
+                    }
+                }
+            }
+        }
+    }
+}
