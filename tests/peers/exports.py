@@ -94,6 +94,7 @@ found["mujoco_callback_of_one_model"] = bool(abs(there.qfrc_passive[0] - data.qf
 # Where the handle is when the joint has moved, by each library; the truth by Rodrigues' formula.
 def handle(at):
     axis, tool = np.array(twin["joint"]["axis_direction"]), np.array(twin["joint"]["tool_position"])
+    at -= twin["joint"]["coordinate"]["offset"]  # the tool is where it was at the recording's 0
     if twin["joint"]["kind"] == "prismatic":
         return tool + at * axis
     arm = tool - np.array(twin["joint"]["axis_point"])

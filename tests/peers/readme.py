@@ -4,6 +4,8 @@
 
 Prints one JSON object with what came of it; the test that runs this has the bounds.
 """
+import contextlib
+import io
 import json
 import re
 import sys
@@ -16,7 +18,8 @@ section = section[: section.index("\n## ", 5)]
 blocks = re.findall(r"```python\n(.*?)```", section, re.S)
 names, found = {}, {"blocks": len(blocks)}
 for number, block in enumerate(blocks):
-    exec(compile(block, f"README.md, Python block {number + 1}", "exec"), names)
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(block, f"README.md, Python block {number + 1}", "exec"), names)
     if number == 0:
         found["callback_installed"] = names["mujoco"].get_mjcb_passive() is not None
         names["mujoco"].set_mjcb_passive(None)

@@ -182,7 +182,7 @@ impl Pieces {
         let (j, w) = self.over_root.place(speed.sqrt());
         let (rows, row) = (self.over_q.pieces as u32, self.over_root.pieces as u32);
         let way = if dq < 0.0 { rows } else { 0 };
-        ((i + way).wrapping_mul(row).wrapping_add(j), v, w)
+        (i.wrapping_add(way).wrapping_mul(row).wrapping_add(j), v, w)
     }
 
     #[inline(always)]
@@ -340,10 +340,10 @@ mod tests {
         let (first_q, by_q) = in_q.evaluate(q);
         let (first_root, by_root) = in_root.evaluate(dq.abs().sqrt());
         let mut c = 0.0;
-        for i in 0..=in_q.degree() {
-            for j in 0..=in_root.degree() {
+        for (i, by_q) in by_q.iter().enumerate().take(in_q.degree() + 1) {
+            for (j, by_root) in by_root.iter().enumerate().take(in_root.degree() + 1) {
                 let at = (first_q + i) * in_root.len() + first_root + j;
-                c += surface.coefficients[at] * by_q[i] * by_root[j];
+                c += surface.coefficients[at] * by_q * by_root;
             }
         }
         g + surface.valve.effort(c * dq.abs()) * if dq < 0.0 { -1.0 } else { 1.0 }
