@@ -232,7 +232,6 @@ fn with_torch(tried: &Tried) -> PathBuf {
 fn numpy_and_torch_evaluate_the_same_model_slower() {
     let Some(tried) = tried() else { return };
     let twin = tried.path("door/twin.json");
-    let rust = rust_nanoseconds(&twin);
     // Unpacked for a Python that it was not installed into.
     let unpacked = tried.path("unpacked");
     let wheels = std::fs::read_dir(tried.path("wheels")).unwrap();
@@ -255,25 +254,36 @@ fn numpy_and_torch_evaluate_the_same_model_slower() {
         "assets",
     ];
     programs::run("ft-identify", &export, tried.folder.path()).expect_code(0);
-    let root = workspace_root();
-    let mut command = Command::new(with_torch(&tried));
-    command
-        .env("PYTHONPATH", unpacked)
-        .arg(root.join("tests/peers/evaluations.py"))
-        .arg(&twin)
-        .arg(rust.to_string())
-        .arg(tried.path("assets/door.usda.mechanism.json"))
-        .arg(root.join("identify/python/examples/torch_environments.py"));
-    let found = finish(&mut command).expect_code(0).json();
+    let (root, python) = (workspace_root(), with_torch(&tried));
+    // Other programs run meanwhile: the fastest of up to four rounds of both.
+    let mut rust = f64::INFINITY;
+    let mut fastest = [f64::INFINITY; 2];
+    let names = ["python, out given", "python, a new array each time"];
+    let mut found = Value::Null;
+    for _ in 0..4 {
+        rust = rust.min(rust_nanoseconds(&twin));
+        let mut command = Command::new(&python);
+        command
+            .env("PYTHONPATH", &unpacked)
+            .arg(root.join("tests/peers/evaluations.py"))
+            .arg(&twin)
+            .arg(rust.to_string())
+            .arg(tried.path("assets/door.usda.mechanism.json"))
+            .arg(root.join("identify/python/examples/torch_environments.py"));
+        found = finish(&mut command).expect_code(0).json();
+        for (best, name) in fastest.iter_mut().zip(names) {
+            *best = best.min(number(&found["ns_per_state"][name]));
+        }
+        if fastest.iter().all(|best| *best < 1.5 * rust) {
+            break;
+        }
+    }
     println!("{found:#}");
     assert!(number(&found["numpy_error"]) < 1e-9);
-    for python in ["python, out given", "python, a new array each time"] {
-        assert!(
-            number(&found["over_rust"][python]) < 1.5,
-            "{}",
-            found["ns_per_state"]
-        );
-    }
+    assert!(
+        fastest.iter().all(|best| *best < 1.5 * rust),
+        "Python {fastest:?} ns, Rust {rust} ns"
+    );
     if !found["torch"].is_null() {
         assert!(number(&found["torch_error"]) < 1e-9);
         assert!(number(&found["torch_example_error"]) < 0.01);
