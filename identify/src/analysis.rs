@@ -1,12 +1,13 @@
 //! From joint samples to the effort model with its errors and a verdict: the part that recordings and tables share.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, Refused, add_stiction, confirm, diagnose_without,
-    evidence, slope_of,
+    evidence, slopes_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
@@ -125,8 +126,8 @@ pub fn analyse_confirmed(
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
     let (full, jointly, left_to_mechanism) = with_mechanism(motion, &diagnosis)?;
-    let slope = slope_of(motion, &diagnosis.found(), full.theta.as_slice());
-    let mut floor = noise::floor(samples, motion, &full, &slope)?;
+    let slopes = slopes_of(motion, &diagnosis.found(), full.theta.as_slice());
+    let mut floor = noise::floor(samples, motion, &full, slopes)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
     let tau = motion.regressor(&motion.tau)?;
     let (verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
@@ -199,12 +200,12 @@ fn confirmed_diagnosis(
 }
 
 /// Leaves a change of the tool in the effort when another recording does not show the same.
-fn confirmed_change(
-    samples: &JointSamples,
+fn confirmed_change<'a>(
+    samples: &'a JointSamples,
     others: &[(String, JointSamples)],
-) -> (JointSamples, Vec<Refused>) {
+) -> (Cow<'a, JointSamples>, Vec<Refused>) {
     let Some(change) = &samples.aside.change else {
-        return (samples.clone(), Vec::new());
+        return (Cow::Borrowed(samples), Vec::new());
     };
     let same = |other: &JointSamples| {
         other.aside.change.as_ref().is_some_and(|there| {
@@ -213,14 +214,14 @@ fn confirmed_change(
         })
     };
     let Some((file, _)) = others.iter().find(|(_, other)| !same(other)) else {
-        return (samples.clone(), Vec::new());
+        return (Cow::Borrowed(samples), Vec::new());
     };
     let refused = Refused {
         name: change.name,
         reason: format!("not confirmed: free air after the release of {file} does not show it"),
         held_out_rms: [f64::NAN, f64::NAN],
     };
-    (samples.with_change_left_in(), vec![refused])
+    (Cow::Owned(samples.with_change_left_in()), vec![refused])
 }
 
 /// Changes of the tool in two recordings are the same within this factor.
@@ -237,10 +238,21 @@ fn aligned(
     let found = diagnosis.found();
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let (samples, motion, lag) = align(&diagnosis.samples, settings, &effects)?;
-    if lag.is_some_and(|lag| lag.applied) {
-        (diagnosis.samples, diagnosis.motion) = (samples, motion);
+    let (samples, motion, mut lag) = align(&diagnosis.samples, settings, &effects)?;
+    if let Some(lag) = lag.as_mut().filter(|lag| lag.applied) {
+        let before = diagnosis.model.held_out_rms;
+        let (samples, motion) = (
+            core::mem::replace(&mut diagnosis.samples, samples),
+            core::mem::replace(&mut diagnosis.motion, motion),
+        );
+        let (effects, model) = (diagnosis.effects.clone(), diagnosis.model.clone());
         diagnosis.refit()?;
+        // A grasp that gives looks like a lag and is none.
+        if diagnosis.model.held_out_rms > before {
+            (diagnosis.samples, diagnosis.motion) = (samples, motion);
+            (diagnosis.effects, diagnosis.model) = (effects, model);
+            lag.applied = false;
+        }
     }
     let named = diagnosis.lag_s.unwrap_or(0.0);
     Ok(lag.map(|lag| match (lag.applied, named == 0.0) {

@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
+use crate::noise;
 use crate::samples::{JointSamples, quantile};
 use crate::screw::JointKind;
 
@@ -209,6 +210,10 @@ impl Motion {
                 kept: motion.kept.len(),
                 total,
             });
+        }
+        for k in 0..motion.noise_of_q.len() {
+            let series = core::mem::take(&mut motion.noise_of_q[k]);
+            motion.noise_of_q[k] = noise::less_path(&motion, series)?;
         }
         Ok(motion)
     }

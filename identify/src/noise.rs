@@ -3,18 +3,21 @@
 //! - Wrench: the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried through
 //!   the filter.
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
-//!   derivatives and the same filter and are weighed with the inertia, the viscous friction and the slope of the load.
+//!   derivatives and the same filter and are weighed with the inertia, all damping where it is, and the slope of the load.
 //!   For hinges also as relative error of the lever. Where there are none (tables), the position's own content in the upper half of its band, taken as white.
 //!
 //! Not covered: slow drift of the force sensor, and anything that both streams share.
 
+use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
 use crate::effect::slip::jumps;
 use crate::filter::{LowPass, first_derivative, second_derivative};
 use crate::least_squares::rms;
+use crate::mechanism::{Mechanism as _, SplineMechanism};
 use crate::motion::{Motion, MotionError};
-use crate::samples::{JointSamples, quantile};
+use crate::samples::{JointSamples, extrema, quantile};
 use crate::screw::JointKind;
+use nalgebra::{SMatrix, SVector};
 
 /// Root mean square noise of the effort at the fit's samples, in the unit of the effort.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -27,8 +30,40 @@ pub struct NoiseFloor {
     pub position_rms: f64,
 }
 
-/// Estimates the floor of `model` on `motion`, which was prepared from `samples`; `slope` = what the model's effects grow by per
-/// unit of the coordinate, at each sample of the motion, none when there are none.
+/// What an effort grows by at each sample of a motion, beside inertia and viscous friction.
+#[derive(Clone, Debug)]
+pub struct Slopes {
+    /// Per unit of the coordinate.
+    pub load: Vec<f64>,
+    /// Per unit of the velocity.
+    pub damping: Vec<f64>,
+}
+
+impl Slopes {
+    /// Of no effort.
+    #[must_use]
+    pub fn none(samples: usize) -> Self {
+        Self {
+            load: vec![0.0; samples],
+            damping: vec![0.0; samples],
+        }
+    }
+
+    fn add_mechanism(&mut self, motion: &Motion, mechanism: &SplineMechanism) {
+        let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
+        let fastest = motion
+            .dq
+            .iter()
+            .fold(1e-9_f64, |most, dq| most.max(dq.abs()));
+        for i in 0..motion.q.len() {
+            let (q, dq) = (motion.q[i], motion.dq[i]);
+            self.load[i] += (mechanism.load(q + step) - mechanism.load(q - step)) / (2.0 * step);
+            self.damping[i] += per_velocity(dq, 2e-3 * fastest, |dq| mechanism.effort(q, dq));
+        }
+    }
+}
+
+/// Estimates the floor of `model` on `motion`, which was prepared from `samples`; `slopes` = those of the model's effects.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
@@ -36,7 +71,7 @@ pub fn floor(
     samples: &JointSamples,
     motion: &Motion,
     model: &EffortModel,
-    slope: &[f64],
+    mut slopes: Slopes,
 ) -> Result<NoiseFloor, MotionError> {
     let white = |std: f64, weight: &dyn Fn(f64) -> f64| {
         std * (2.0 * samples.period * band_integral(motion, weight)).sqrt()
@@ -50,13 +85,19 @@ pub fn floor(
             .map_or(0.0, |j| model.theta[j])
     };
     let (inertia, viscous) = (theta("inertia"), theta("viscous"));
-    let slope = load_slope(motion, model, slope);
+    if let Some(mechanism) = &model.mechanism {
+        slopes.add_mechanism(motion, mechanism);
+    }
     let position_rms = if motion.noise_of_q.is_empty() {
-        let usual = quantile(&slope.iter().map(|s| s.abs()).collect::<Vec<_>>(), 0.5);
+        let usual = |slopes: &[f64]| {
+            let sizes: Vec<f64> = slopes.iter().map(|s| s.abs()).collect();
+            quantile(&sizes, 0.5)
+        };
+        let (load, damping) = (usual(&slopes.load), viscous + usual(&slopes.damping));
         let q_white = white_noise(samples, &samples.q, 0.25 * samples.rate_hz())?;
         let through = |hz: f64| {
             let w = core::f64::consts::TAU * hz;
-            (inertia * w * w - usual).powi(2) + (viscous * w).powi(2)
+            (inertia * w * w - load).powi(2) + (damping * w).powi(2)
         };
         white(q_white, &through)
     } else {
@@ -67,7 +108,10 @@ pub fn floor(
             let (velocity, acceleration) =
                 (motion.derivative(series), motion.second_derivative(series));
             let effort: Vec<f64> = (0..series.len())
-                .map(|i| inertia * acceleration[i] + viscous * velocity[i] + slope[i] * away[i])
+                .map(|i| {
+                    let damping = viscous + slopes.damping[i];
+                    inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * away[i]
+                })
                 .collect();
             squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
         }
@@ -152,21 +196,53 @@ fn level(motion: &Motion, slid: &[f64], series: &[f64]) -> Vec<f64> {
     numbered.map(|(i, value)| value - mean(i)).collect()
 }
 
-/// Slope of the whole load at each sample: a position that is off by little reads another load. Slow errors of the position
-/// count where the load is steep.
-fn load_slope(motion: &Motion, model: &EffortModel, effects: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; motion.q.len()];
-    if let Some(mechanism) = &model.mechanism {
-        let step = 1e-3 * (mechanism.domain.q[1] - mechanism.domain.q[0]).max(1e-9);
-        for (out, q) in out.iter_mut().zip(&motion.q) {
-            *out = (mechanism.load(q + step) - mechanism.load(q - step)) / (2.0 * step);
-        }
-    }
-    for (out, slope) in out.iter_mut().zip(effects) {
-        *out += slope;
-    }
-    out
+/// The position sensor's noise without what is a smooth function of the coordinate: the path of the tool is no perfect circle
+/// or line when the axis shifts or the grasp gives, and that is no noise. Taken out where the rest accelerates less; what only
+/// looks like a path by chance adds acceleration.
+///
+/// # Errors
+/// When the motion cannot be filtered.
+pub(crate) fn less_path(motion: &Motion, series: Vec<f64>) -> Result<Vec<f64>, MotionError> {
+    let path = by_coordinate(motion, &series);
+    let rest: Vec<f64> = series.iter().zip(&path).map(|(s, p)| s - p).collect();
+    let shake = |series: &[f64]| -> Result<f64, MotionError> {
+        Ok(rms(&motion.regressor(&motion.second_derivative(series))?))
+    };
+    Ok(if shake(&rest)? < shake(&series)? {
+        rest
+    } else {
+        series
+    })
 }
+
+/// The part of a series that is a smooth function of the coordinate.
+fn by_coordinate(motion: &Motion, series: &[f64]) -> Vec<f64> {
+    let (low, high) = extrema(&motion.q);
+    let basis = |q: f64| -> SVector<f64, PATH_TERMS> {
+        let x = 2.0 * (q - low) / (high - low).max(f64::MIN_POSITIVE) - 1.0;
+        let mut out = SVector::from_element(1.0);
+        out[1] = x;
+        for k in 2..PATH_TERMS {
+            out[k] = 2.0 * x * out[k - 1] - out[k - 2];
+        }
+        out
+    };
+    let mut gram = SMatrix::<f64, PATH_TERMS, PATH_TERMS>::zeros();
+    let mut right = SVector::<f64, PATH_TERMS>::zeros();
+    for (q, value) in motion.q.iter().zip(series) {
+        let row = basis(*q);
+        gram += row * row.transpose();
+        right += row * *value;
+    }
+    let Some(factor) = gram.cholesky() else {
+        return vec![0.0; series.len()];
+    };
+    let theta = factor.solve(&right);
+    motion.q.iter().map(|q| basis(*q).dot(&theta)).collect()
+}
+
+/// Chebyshev polynomials of the coordinate that a path may have, the constant among them.
+const PATH_TERMS: usize = 7;
 
 /// Standard deviation of the white noise that fills the band above `from_hz`: the median over windows of a quarter second.
 fn white_noise(samples: &JointSamples, series: &[f64], from_hz: f64) -> Result<f64, MotionError> {

@@ -86,14 +86,18 @@ pub fn identify_confirmed(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let recording = Recording::load(path, map)?;
     let mut others = Vec::new();
     for other in confirm {
         let samples = joint_samples(&Recording::load(other, map)?, settings)?;
         others.push((file_name(other), samples));
     }
+    let mut recording = Recording::load(path, map)?;
     progress(Stage::Read);
-    identify_with(&recording, &others, settings, progress)
+    let tool = ToolSamples::from_recording(&recording)?;
+    // Hours of samples, all of them in `tool` now.
+    recording.wrench = Vec::new();
+    recording.pose.samples = Vec::new();
+    identify_with(&recording, tool, &others, settings, progress)
 }
 
 /// Joint coordinate and effort of the held part of a recording, by its own joint.
@@ -130,16 +134,18 @@ pub fn identify_loaded(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    identify_with(recording, &[], settings, progress)
+    let tool = ToolSamples::from_recording(recording)?;
+    identify_with(recording, tool, &[], settings, progress)
 }
 
+/// `tool` holds the recording's samples; `recording` may be rid of them.
 fn identify_with(
     recording: &Recording,
+    tool: ToolSamples,
     others: &[(String, JointSamples)],
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let tool = ToolSamples::from_recording(recording)?;
     let kinematics = ToolKinematics::of(&tool)?;
     progress(Stage::Aligned);
     let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
@@ -191,7 +197,10 @@ fn identify_with(
         });
     }
     progress(Stage::Joint);
+    drop(kinematics);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
+    let period = tool.period;
+    drop(tool);
     if let Some(found) = saturated {
         report.notes.push(format!(
             "{} stays at {:.1} {} for {} samples: the sensor was at the end of its range there",
@@ -254,7 +263,7 @@ fn identify_with(
         .with_effects(TwinEffect::of(analysis))
         .held_at(effort.tool_position)
     });
-    let step = ((0.02 / tool.period) as usize).max(1);
+    let step = ((0.02 / period) as usize).max(1);
     let path = effort.path.iter().step_by(step).copied().collect();
     Ok(Identified {
         report,

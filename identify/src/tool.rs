@@ -11,11 +11,11 @@ pub use kinematics::ToolKinematics;
 
 use core::ops::Range;
 
-use ft_recording::{Pose7, Recording, TrackedFrame};
+use ft_recording::{Pose7, Recording, Stamped, TrackedFrame};
 use ft_wire::time::HostTime;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 
-use resample::{PoseStream, Stream, thinned};
+use resample::{PoseStream, Stream, averaged, median_step, thinned};
 
 /// Why a recording has no common grid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -90,6 +90,9 @@ pub struct ToolSamples {
 
 const MIN_SAMPLES: usize = 50;
 const MIN_PIECE_S: f64 = 3.0;
+/// Longer recordings are brought onto a coarser grid, of means: 17 min at 1 kHz are not, an hour is seen at 250 Hz. What is
+/// identified lies below 20 Hz; memory stays bounded.
+const MOST_SAMPLES: usize = 1_000_000;
 /// The time of overlap may be so many times what the samples last.
 const MOST_HOLES: f64 = 100.0;
 
@@ -103,13 +106,12 @@ impl ToolSamples {
             .wrench
             .first()
             .map_or(HostTime::EPOCH, |first| first.at);
-        let wrench = Stream::new(
-            recording
-                .wrench
-                .iter()
-                .map(|s| (s.at.seconds_since(start), s.value))
-                .collect(),
-        );
+        let wrenches = || {
+            let of = |s: &Stamped<[f64; 6]>| (s.at.seconds_since(start), s.value);
+            recording.wrench.iter().map(of)
+        };
+        let every = recording.wrench.len().div_ceil(MOST_SAMPLES);
+        let wrench = Stream::averaged(wrenches(), every);
         let poses = thinned(
             recording
                 .pose
@@ -127,7 +129,13 @@ impl ToolSamples {
                 });
             }
         }
-        let pose = PoseStream::new(poses);
+        let poses_every = if every > 1 {
+            let pose_period = median_step(poses.iter().map(|s| s.0));
+            ((wrench.period() / pose_period) as usize).max(1)
+        } else {
+            1
+        };
+        let pose = PoseStream::new(averaged(poses, poses_every));
         let (wrench_span, pose_span) = (wrench.span(), pose.span());
         let (from, to) = (
             wrench_span.0.max(pose_span.0),

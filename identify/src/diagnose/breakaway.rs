@@ -1,6 +1,7 @@
 //! How much more it takes to leave rest than to slide: read off the effort while the joint rests, which no fit of the motion sees.
 
 use super::confirm::Confirmation;
+use super::gates::GIVES;
 use super::model::Found;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::DynamicsError;
@@ -224,6 +225,13 @@ pub(crate) fn add_stiction(
             "it takes {:.3} more to leave rest than to slide, but {:.1} noise floors are left while it slides: something else is missing",
             here.excess,
             diagnosis.model.held_out_rms / floor
+        ));
+        return Ok(());
+    }
+    if let Some(gives) = found.iter().find(|found| GIVES.contains(&found.kind.name)) {
+        refuse(format!(
+            "it takes {:.3} more to leave rest than to slide, but with {} the tool moves before the object does",
+            here.excess, gives.kind.name
         ));
         return Ok(());
     }

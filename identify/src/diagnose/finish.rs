@@ -83,7 +83,10 @@ impl State {
             before = errors[best];
         }
         let ground = &self.ground;
-        drop_doubtful(ground, self.floor.rms, &mut effects, &mut self.refused)?;
+        let leans = self.samples.aside.lean.is_some();
+        let known = |found: &Found| is_known(found) || leans && found.kind.name == "gravity";
+        let floor = self.floor.rms;
+        drop_doubtful(ground, floor, known, &mut effects, &mut self.refused)?;
         let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         let model = fit_found(motion, &ordered)?;
         let floor = floor_of(&self.samples, motion, &model, &ordered)?;
@@ -207,8 +210,8 @@ impl State {
 }
 
 impl State {
-    /// Causes of a constant effort that are not in the model, but hide in effect `i`: what its columns leave of theirs is
-    /// too little to be seen.
+    /// Effects of the state that are not in the model, but of which a part of effect `i` may be: what its columns leave of
+    /// theirs is too little to be seen.
     fn hidden_in(&self, i: usize) -> Result<Vec<&'static Kind>, DynamicsError> {
         let mut others = self.found();
         let all = self.ground.plain_columns(&others)?;
@@ -225,19 +228,20 @@ impl State {
             }
             rms(&left)
         };
-        let mut out = Vec::new();
-        for hidden in [ALIAS[0].0, ALIAS[0].1].into_iter().filter_map(kind) {
-            if self.effects.iter().any(|(f, _)| f.kind.name == hidden.name) {
-                continue;
-            }
-            let shape = (hidden.grid)(&self.ground.scope()).into_iter().next();
-            let columns = self.ground.columns_of(hidden, &shape.unwrap_or_default())?;
-            let Some(column) = columns.first() else {
+        let mut out: Vec<&'static Kind> = Vec::new();
+        for candidate in &self.bank {
+            let kind = candidate.kind;
+            let there = self.effects.iter().any(|(f, _)| f.kind.name == kind.name);
+            let Some(column) = candidate.columns.first().filter(|_| kind.at.is_some()) else {
                 continue;
             };
-            let [beside_all, beside_others] = [&all, &without].map(|x| own(x, column));
-            if beside_all < HIDDEN * own(&base, column) && beside_others > 2.0 * beside_all {
-                out.push(hidden);
+            if there || out.iter().any(|hidden| hidden.name == kind.name) {
+                continue;
+            }
+            let beside_all = own(&all, column);
+            if beside_all < HIDDEN * own(&base, column) && own(&without, column) > 2.0 * beside_all
+            {
+                out.push(kind);
             }
         }
         Ok(out)
@@ -255,6 +259,7 @@ const HIDDEN: f64 = 0.3;
 fn drop_doubtful(
     ground: &Ground,
     floor: f64,
+    known: impl Fn(&Found) -> bool,
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
@@ -274,7 +279,7 @@ fn drop_doubtful(
         let share = 1.0 - (after / before).powi(2);
         let curve = is_curve(&effect.found);
         let sure = if curve { SURE_CURVE } else { SURE };
-        if (share < sure || curve && curves > 1) && !is_known(&effect.found) {
+        if (share < sure || curve && curves > 1) && !known(&effect.found) {
             let name = effect.found.kind.name;
             refused.push(doubt(name, share, [before, after], floor));
         } else {

@@ -4,6 +4,7 @@ use super::model::{Found, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
 use crate::effect::library::Kind;
+use crate::least_squares::rms;
 
 /// An effect must move the effort (held-out) by so many noise floors.
 pub(super) const LEAST_SIZE: f64 = 0.5;
@@ -11,6 +12,10 @@ pub(super) const LEAST_SIZE: f64 = 0.5;
 const AT_FLOOR: f64 = 1.03;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
+
+/// Share of the choice's evidence that makes a rival, and how many are tried.
+const RIVAL_SCORE: f64 = 0.4;
+const MOST_RIVALS: usize = 3;
 
 /// Grasps that give: by a force, or by a play. One of them is enough to say.
 pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
@@ -59,6 +64,18 @@ impl State {
         })
     }
 
+    /// Other candidates that pass every gate and have a good part of the choice's evidence, the best first.
+    pub(super) fn rivals(&self, choice: &Ranked, seen: &Look) -> Vec<Ranked> {
+        let other = |entry: &&Ranked| {
+            entry.kind.name != choice.kind.name
+                && entry.kind.name != "time_lag"
+                && entry.score > RIVAL_SCORE * choice.score
+                && self.why_not(entry, seen).is_none()
+        };
+        let rivals = seen.ranked.iter().filter(other);
+        rivals.take(MOST_RIVALS).cloned().collect()
+    }
+
     /// Whether a load of one shape passes every gate; a notch or a magnet has to be the best of all.
     pub(super) fn a_load_is_left(&self, seen: &Look) -> bool {
         seen.ranked
@@ -82,6 +99,17 @@ impl State {
         let gives = |found: &Found| GIVES.contains(&found.kind.name);
         if GIVES.contains(&entry.kind.name) && self.effects.iter().any(|(found, _)| gives(found)) {
             return Some("its look-alike is in the model already".to_owned());
+        }
+        if entry.kind.name == "presliding"
+            && let Some((found, _)) = self.effects.iter().find(|(found, _)| gives(found))
+        {
+            let (length, way) = (entry.shape[0], self.given_way(found));
+            if length < way {
+                return Some(format!(
+                    "its length of {length:.2e} is less than the {way:.2e} that {} gives",
+                    found.kind.name
+                ));
+            }
         }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
@@ -120,6 +148,16 @@ impl State {
             ));
         }
         None
+    }
+}
+
+impl State {
+    /// How far the tool moves before the object does: a play, or a compliance under the usual effort.
+    fn given_way(&self, found: &Found) -> f64 {
+        if found.kind.name == "backlash" {
+            return found.shape[0];
+        }
+        found.shape[0] * rms(&self.ground.motion.tau)
     }
 }
 

@@ -8,6 +8,7 @@ use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
 use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
+use crate::noise::Slopes;
 use crate::spline::Basis;
 
 /// An effect of the library with its shape.
@@ -68,6 +69,27 @@ impl Found {
         out
     }
 
+    /// What its effort grows by per unit of the velocity at each sample of a motion, with `theta` for the used terms; nothing
+    /// for effects that are no function of the state.
+    #[must_use]
+    pub fn damping(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
+        let Some(at) = self.kind.at else {
+            return vec![0.0; motion.q.len()];
+        };
+        let step = SLOPE_STEP * Scope::of(motion, self.rigid).fastest();
+        let effort = |q: f64, dq: f64| -> f64 {
+            let terms = at(&self.shape, q, dq);
+            let used = terms.iter().zip(&self.used).filter(|(_, used)| **used);
+            used.zip(theta)
+                .map(|((value, _), theta)| value * theta)
+                .sum()
+        };
+        let states = motion.q.iter().zip(&motion.dq);
+        states
+            .map(|(q, dq)| per_velocity(*dq, step, |dq| effort(q + self.datum, dq)))
+            .collect()
+    }
+
     /// The used terms.
     pub fn terms(&self) -> impl Iterator<Item = &'static crate::effect::library::TermOf> {
         let terms = self.kind.terms.iter().zip(&self.used);
@@ -78,15 +100,25 @@ impl Found {
 /// Half the way over which a slope is taken, as a share of the range.
 const SLOPE_STEP: f64 = 2e-3;
 
-/// Slope of all of `found`, whose terms stand in `theta` behind inertia and friction.
-pub(crate) fn slope_of(motion: &Motion, found: &[Found], theta: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; motion.q.len()];
+/// Slope by the velocity, of two efforts on the same side of rest.
+pub(crate) fn per_velocity(dq: f64, step: f64, effort: impl Fn(f64) -> f64) -> f64 {
+    let (slow, fast) = ((dq.abs() - step).max(0.1 * step), dq.abs() + step);
+    let side = if dq < 0.0 { -1.0 } else { 1.0 };
+    side * (effort(side * fast) - effort(side * slow)) / (fast - slow)
+}
+
+/// Slope by coordinate and by velocity of all of `found`, whose terms stand in `theta` behind inertia and friction.
+pub(crate) fn slopes_of(motion: &Motion, found: &[Found], theta: &[f64]) -> Slopes {
+    let mut out = Slopes::none(motion.q.len());
     let mut at = 3;
     for found in found {
         let terms = found.terms().count();
         let own = theta.get(at..at + terms).unwrap_or(&[]);
-        for (out, slope) in out.iter_mut().zip(found.slope(motion, own)) {
-            *out += slope;
+        let both = [found.slope(motion, own), found.damping(motion, own)];
+        for (out, slope) in [&mut out.load, &mut out.damping].into_iter().zip(both) {
+            for (out, slope) in out.iter_mut().zip(slope) {
+                *out += slope;
+            }
         }
         at += terms;
     }

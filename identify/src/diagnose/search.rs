@@ -1,7 +1,7 @@
 //! The loop.
 
 use super::gates::limit;
-use super::model::{Candidate, Found, Ground, bank, blocks, is_smooth_load, slope_of};
+use super::model::{Candidate, Found, Ground, bank, blocks, is_smooth_load, slopes_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
@@ -69,6 +69,8 @@ pub struct Diagnosis {
     pub is_table: bool,
 }
 
+/// A rival takes the place of the best candidate when its whole model errs so much less.
+const RIVAL_BELOW: f64 = 0.95;
 const REPLICATES: usize = 40;
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
@@ -226,12 +228,41 @@ impl State {
         if choice.kind.name == "time_lag" {
             self.take_lag(&choice, p_value)?;
         } else {
-            self.effects.push((choice.found(&self.ground), p_value));
-            self.refine_all()?;
+            self.add_best(&choice, p_value, &seen)?;
         }
         self.swap()?;
         self.prune()?;
         Ok(self.effects.len() < MOST_EFFECTS)
+    }
+
+    /// Adds the choice, or a rival: the other effects' shapes were found without it and have taken up a part of what it does, so
+    /// where the choice leaves more than the floor those that explain nearly as much are tried with all shapes anew.
+    fn add_best(
+        &mut self,
+        choice: &Ranked,
+        p_value: f64,
+        seen: &Look,
+    ) -> Result<(), DynamicsError> {
+        let before = self.effects.clone();
+        self.effects.push((choice.found(&self.ground), p_value));
+        self.refine_all()?;
+        let mut least = self.error()?;
+        if least < EXPLAINED_BELOW * self.floor.rms || before.is_empty() {
+            return Ok(());
+        }
+        let rivals = self.rivals(choice, seen);
+        for rival in rivals {
+            let chosen = core::mem::replace(&mut self.effects, before.clone());
+            self.effects.push((rival.found(&self.ground), p_value));
+            self.refine_all()?;
+            let error = self.error()?;
+            if error < RIVAL_BELOW * least {
+                least = error;
+            } else {
+                self.effects = chosen;
+            }
+        }
+        Ok(())
     }
 
     /// Puts a smooth load beside the model when a load of the library is there, no further one helps, and it explains more than the
@@ -296,9 +327,11 @@ impl State {
             .iter()
             .map(|candidate| candidate.kind.name)
             .collect();
-        let mut bank = bank(&self.ground)?;
-        bank.retain(|candidate| known.contains(&candidate.kind.name));
-        self.bank = bank;
+        // The largest of all that is held in memory: the old one goes first.
+        self.bank = Vec::new();
+        self.bank = bank(&self.ground)?;
+        self.bank
+            .retain(|candidate| known.contains(&candidate.kind.name));
         self.samples = samples;
         Ok(())
     }
@@ -330,8 +363,8 @@ pub(super) fn floor_of(
     model: &EffortModel,
     found: &[Found],
 ) -> Result<NoiseFloor, DynamicsError> {
-    let slope = slope_of(motion, found, model.theta.as_slice());
-    let mut floor = noise::floor(samples, motion, model, &slope)?;
+    let slopes = slopes_of(motion, found, model.theta.as_slice());
+    let mut floor = noise::floor(samples, motion, model, slopes)?;
     let least = LEAST_FLOOR * rms(&motion.regressor(&motion.tau)?);
     floor.rms = floor.rms.max(least);
     floor.wrench_rms = floor.wrench_rms.max(least);

@@ -158,7 +158,7 @@ impl State {
     }
 
     /// Error of the whole model on held-out blocks.
-    fn error(&self) -> Result<f64, DynamicsError> {
+    pub(super) fn error(&self) -> Result<f64, DynamicsError> {
         let x = self.ground.columns(&self.found())?;
         let efforts = [self.ground.y.clone()];
         let problem = Problem::new(&x, &efforts, &self.ground.folds);

@@ -176,23 +176,26 @@ impl<'a> Problem<'a> {
         let mut rows = self.rows(&x, &theta)?;
         for step in 0..STEPS {
             let effort = self.effort(&rows, |_| true);
+            // Each of these is a good part of the memory that an hour takes.
+            drop(rows);
             if step < 2 {
                 noise = self.likeliest_noise(&effort).unwrap_or(noise);
             }
             let Some(eliminated) = self.whole(&effort, noise) else {
                 return Ok(None);
             };
+            drop(effort);
             let before = theta;
             theta = self.minimum(&eliminated);
             x = eliminated.coefficients(&theta);
+            drop(eliminated);
             rows = self.rows(&x, &theta)?;
             let change = (&theta - &before).component_div(&before.map(|v| v.abs().max(1e-9)));
             if step >= 2 && change.rows(0, 3).amax() < 1e-4 {
                 break;
             }
         }
-        let effort = self.effort(&rows, |_| true);
-        let Some(eliminated) = self.whole(&effort, noise) else {
+        let Some(eliminated) = self.whole(&self.effort(&rows, |_| true), noise) else {
             return Ok(None);
         };
         let at_bound: Vec<bool> = (0..theta.len())
@@ -200,10 +203,11 @@ impl<'a> Problem<'a> {
             .collect();
         let scale = scale_of(eliminated.corner());
         let covariance = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
+        let held_out_rms = self.held_out(&rows, &eliminated, noise)?;
+        drop(eliminated);
         let residual = self.filtered_residual(&rows, &theta)?;
         // Where slow errors of the model stand above the noise, the noise alone says too little.
         let white = noise * self.motion.passes_of_white(0.3 / self.motion.period);
-        let held_out_rms = self.held_out(&rows, noise)?;
         let wider = (rms(&residual) / white).max(1.0)
             * (held_out_rms / rms(&residual).max(f64::MIN_POSITIVE)).max(1.0);
         self.set(&theta);
@@ -405,19 +409,18 @@ impl<'a> Problem<'a> {
         motion.regressor(&left)
     }
 
-    /// Error on strokes that the parameters were not fitted to.
-    fn held_out(&mut self, rows: &Rows, noise: f64) -> Result<f64, MotionError> {
+    /// Error on strokes that the parameters were not fitted to; the motion is that of `all` strokes.
+    fn held_out(&mut self, rows: &Rows, all: &Eliminated, noise: f64) -> Result<f64, MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
-        let all = self.effort(rows, |_| true);
         let (mut square, mut samples) = (0.0, 0);
         for fold in 0..folds {
             let rest = self.effort(rows, |near| fold_of[near] != fold);
-            let (Some(rest), Some(all)) = (self.whole(&rest, noise), self.whole(&all, noise))
-            else {
+            let Some(rest) = self.whole(&rest, noise) else {
                 continue;
             };
             let theta = self.minimum(&rest);
+            drop(rest);
             let there = self.rows(&all.coefficients(&theta), &theta)?;
             let residual = self.filtered_residual(&there, &theta)?;
             for (k, residual) in residual.iter().enumerate() {

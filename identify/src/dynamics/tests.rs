@@ -109,7 +109,13 @@ fn the_residual_of_a_complete_model_is_the_noise_floor() {
     let samples = record(&PLAIN, 40.0, [6e-5, 0.15], 3);
     let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
     let model = fit_base(&motion).unwrap();
-    let floor = noise::floor(&samples, &motion, &model, &[]).unwrap();
+    let floor = noise::floor(
+        &samples,
+        &motion,
+        &model,
+        noise::Slopes::none(motion.q.len()),
+    )
+    .unwrap();
     let ratio = model.held_out_rms / floor.rms;
     assert!(
         (0.8..1.25).contains(&ratio),

@@ -83,7 +83,7 @@ pub const ZONE: Kind = Kind {
             .collect();
         both
     },
-    at: Some(zone),
+    at: Some(|shape, q, dq| zone(shape, q, dq).to_vec()),
     separate: "strokes at different speeds through the zone, both ways",
 };
 

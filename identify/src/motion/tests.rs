@@ -245,3 +245,24 @@ fn samples_near_a_reversal_are_those_its_filtered_sign_reaches() {
         }
     }
 }
+
+#[test]
+fn a_bent_path_is_no_noise_and_a_slow_wander_stays() {
+    let mut samples = sine(20.0, 500.0, 0.4);
+    let jitter = |i: usize| 2e-4 * (0.37 * i as f64).sin() * (0.113 * i as f64).cos();
+    let bent = |q: &f64| 0.01 * (4.0 * q).sin();
+    let wander = |t: &f64| 5e-4 * (0.3 * t).sin();
+    samples.noise_of_q = vec![
+        samples.q.iter().map(bent).collect(),
+        samples.time.iter().map(wander).collect(),
+    ];
+    for series in &mut samples.noise_of_q {
+        for (i, value) in series.iter_mut().enumerate() {
+            *value += jitter(i);
+        }
+    }
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let [bent, wandering] = [0, 1].map(|k| crate::least_squares::rms(&motion.noise_of_q[k]));
+    assert!(bent < 2e-4, "{bent} of a path that bends by 7 mm");
+    assert!(wandering > 3e-4, "{wandering} of a wander of 0.35 mm");
+}

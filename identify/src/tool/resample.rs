@@ -12,6 +12,15 @@ pub(super) struct Stream {
 }
 
 impl Stream {
+    /// Each sample the mean of `every` following ones.
+    pub(super) fn averaged(samples: impl Iterator<Item = (f64, [f64; 6])>, every: usize) -> Self {
+        Self::new(means(samples, every, |sum: &mut [f64; 6], value, share| {
+            for (sum, value) in sum.iter_mut().zip(value) {
+                *sum += share * (value - *sum);
+            }
+        }))
+    }
+
     pub(super) fn new(samples: Vec<(f64, [f64; 6])>) -> Self {
         let period = median_step(samples.iter().map(|s| s.0));
         Self {
@@ -125,6 +134,52 @@ pub(super) fn thinned(samples: Vec<(f64, Isometry3<f64>)>) -> Vec<(f64, Isometry
     kept
 }
 
+/// Each pose the mean of `every` following ones.
+pub(super) fn averaged(
+    samples: Vec<(f64, Isometry3<f64>)>,
+    every: usize,
+) -> Vec<(f64, Isometry3<f64>)> {
+    means(
+        samples.into_iter(),
+        every,
+        |mean: &mut Isometry3<f64>, pose, share| {
+            mean.translation.vector += share * (pose.translation.vector - mean.translation.vector);
+            mean.rotation = mean.rotation.nlerp(&pose.rotation, share);
+        },
+    )
+}
+
+/// Means of `every` following samples, and of their times; none goes over a hole. `add` moves a mean by a share towards a
+/// value. What is left over at a hole is a mean of fewer.
+fn means<T>(
+    samples: impl Iterator<Item = (f64, T)>,
+    every: usize,
+    add: impl Fn(&mut T, T, f64),
+) -> Vec<(f64, T)> {
+    if every <= 1 {
+        return samples.collect();
+    }
+    let mut out: Vec<(f64, T)> = Vec::with_capacity(samples.size_hint().0 / every + 1);
+    let (mut inside, mut last) = (every, f64::NEG_INFINITY);
+    for (t, value) in samples {
+        let open = inside < every && t - last <= HOLE_S;
+        last = t;
+        match out.last_mut().filter(|_| open) {
+            Some((time, mean)) => {
+                inside += 1;
+                let share = 1.0 / inside as f64;
+                *time += share * (t - *time);
+                add(mean, value, share);
+            }
+            None => {
+                inside = 1;
+                out.push((t, value));
+            }
+        }
+    }
+    out
+}
+
 /// Index of the sample at or before `t` and the part of the step passed; `None` in a hole or outside.
 fn bracket<T>(samples: &[(f64, T)], t: f64, from: &mut usize, hole: f64) -> Option<(usize, f64)> {
     while *from + 2 < samples.len() && samples[*from + 1].0 <= t {
@@ -145,7 +200,8 @@ fn bracket<T>(samples: &[(f64, T)], t: f64, from: &mut usize, hole: f64) -> Opti
     ))
 }
 
-fn median_step(times: impl Iterator<Item = f64>) -> f64 {
+/// Median time between samples, s; 1 when there is none.
+pub(super) fn median_step(times: impl Iterator<Item = f64>) -> f64 {
     let times: Vec<f64> = times.collect();
     let steps: Vec<f64> = times
         .windows(2)
@@ -174,6 +230,27 @@ mod tests {
             let pose = stream.at(t, &mut from).unwrap();
             assert!((pose.translation.vector - path(t)).norm() < 1e-6);
             assert!((pose.rotation.angle() - t).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn means_keep_a_ramp_and_do_not_go_over_a_hole() {
+        let times = (0..1000).filter(|i| !(400..450).contains(i));
+        let samples = times.map(|i| (0.001 * f64::from(i), [f64::from(i); 6]));
+        let stream = Stream::averaged(samples, 4);
+        let mut from = 0;
+        for k in 1..98 {
+            let t = 0.004 * f64::from(k);
+            assert!((stream.at(t, &mut from).unwrap()[3] - 1000.0 * t).abs() < 1e-9);
+        }
+        assert_eq!(stream.at(0.42, &mut from), None);
+        assert!((stream.at(0.7, &mut from).unwrap()[0] - 700.0).abs() < 1e-9);
+
+        let turning = (0..400).map(|i| 0.001 * f64::from(i));
+        let poses = turning.map(|t| (t, Isometry3::new(Vector3::x() * t, Vector3::z() * t)));
+        for (t, mean) in averaged(poses.collect(), 5) {
+            assert!((mean.translation.vector.x - t).abs() < 1e-12);
+            assert!((mean.rotation.angle() - t).abs() < 1e-9);
         }
     }
 
