@@ -176,6 +176,7 @@ pub fn joint_effort(
         aside: Aside {
             across,
             tool: own,
+            tool_inertia: payload.map_or(0.0, |payload| tool_inertia(tool, &index, payload, &axis)),
             lean: lean(&axis, tool_position, joint.direction_std),
             change: None,
         },
@@ -188,6 +189,16 @@ pub fn joint_effort(
         nonwork,
         acceleration_noise: coordinate.acceleration,
     })
+}
+
+/// Mean inertia of the tool about the joint, its mass taken as a point: kg m^2 or kg.
+fn tool_inertia(tool: &ToolSamples, index: &[usize], payload: &Payload, axis: &ScrewAxis) -> f64 {
+    let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
+    let ways = index
+        .iter()
+        .map(|&i| axis.velocity_at(&(tool.position[i] + tool.rotation[i] * com.coords)));
+    let squares: f64 = ways.map(|way| way.norm_squared()).sum();
+    payload.mass_kg * squares / index.len().max(1) as f64
 }
 
 /// How far an upright hinge leans; nothing when it may as well be upright.

@@ -114,6 +114,8 @@ pub struct Motion {
     pub noise_of_q: Vec<Vec<f64>>,
     /// Force across the joint at the work rate, as [`crate::samples::Aside`] has it; may be empty.
     pub across: Vec<Vec<f64>>,
+    /// As [`crate::samples::Aside`] has it, kg m^2 or kg.
+    pub tool_inertia: f64,
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
     /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
@@ -196,6 +198,7 @@ impl Motion {
             q_measured: work.q,
             noise_of_q: work.noise,
             across: work.across,
+            tool_inertia: samples.aside.tool_inertia,
             slides: Vec::new(),
             kept: Vec::new(),
             gated: BTreeMap::new(),

@@ -3,8 +3,9 @@
 //! - Wrench: the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried through
 //!   the filter.
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
-//!   derivatives and the same filter and are weighed with the inertia, all damping where it is, and the slope of the load.
-//!   For hinges also as relative error of the lever. Where there are none (tables), the position's own content in the upper half of its band, taken as white.
+//!   derivatives and the same filter and are weighed with the inertia, the tool's own among it, all damping where it is, and
+//!   the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), the position's own
+//!   content in the upper half of its band, taken as white.
 //!
 //! Not covered: slow drift of the force sensor, and anything that both streams share.
 
@@ -84,7 +85,9 @@ pub fn floor(
             .position(|term| term.name == name)
             .map_or(0.0, |j| model.theta[j])
     };
-    let (inertia, viscous) = (theta("inertia"), theta("viscous"));
+    // The tool's own inertia was taken off by the same poses.
+    let inertia = theta("inertia") + motion.tool_inertia;
+    let viscous = theta("viscous");
     if let Some(mechanism) = &model.mechanism {
         slopes.add_mechanism(motion, mechanism);
     }

@@ -35,6 +35,9 @@ pub struct Aside {
     /// Effort of the tool's own weight and inertia, which was taken off what the sensor measured to get `tau`: it belongs to the
     /// time of the poses, not of the wrench. Empty when nothing was taken off.
     pub tool: Vec<f64>,
+    /// The tool's own inertia about the joint, taken off with `tool`, kg m^2 or kg: noise of the poses acts on it as on the
+    /// object's.
+    pub tool_inertia: f64,
     /// How far the axis of a hinge leans from upright, when that is sure.
     pub lean: Option<Lean>,
     /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.

@@ -254,8 +254,8 @@ const LEAST_BESIDE: f64 = 3e-3;
 /// Share of a column that must stay its own to be seen.
 const HIDDEN: f64 = 0.3;
 
-/// While more than the floor is left, something is missing or has the wrong name: takes back what explains too little beside
-/// all others to be sure of its name, and curves that several others could make up as well.
+/// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
+/// too little beside all others to be sure of its name, and all curves but one, because several could make up any load.
 fn drop_doubtful(
     ground: &Ground,
     floor: f64,
@@ -263,30 +263,39 @@ fn drop_doubtful(
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
-    let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-    if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
-        return Ok(());
-    }
     let is_curve = |found: &Found| CURVES.contains(&found.kind.name);
-    let curves = all.iter().filter(|found| is_curve(found)).count();
-    let mut kept = Vec::new();
-    for (i, effect) in effects.drain(..).enumerate() {
-        let mut others = all.clone();
-        others.remove(i);
-        let beside_curve = !is_smooth_load(effect.found.kind) && effect.found.kind.name != "catch";
-        let [before, after] = [&others, &all].map(|found| error_of(ground, found, beside_curve));
-        let (before, after) = (before?, after?);
-        let share = 1.0 - (after / before).powi(2);
-        let curve = is_curve(&effect.found);
-        let sure = if curve { SURE_CURVE } else { SURE };
-        if (share < sure || curve && curves > 1) && !known(&effect.found) {
-            let name = effect.found.kind.name;
-            refused.push(doubt(name, share, [before, after], floor));
-        } else {
-            kept.push(effect);
+    loop {
+        let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+        if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
+            break;
         }
+        let curves = all.iter().filter(|found| is_curve(found)).count();
+        let mut least: Option<(usize, f64, [f64; 2])> = None;
+        for (i, found) in all.iter().enumerate() {
+            let mut others = all.clone();
+            others.remove(i);
+            let beside_curve = !is_smooth_load(found.kind) && found.kind.name != "catch";
+            let [before, after] =
+                [&others, &all].map(|found| error_of(ground, found, beside_curve));
+            let (before, after) = (before?, after?);
+            let share = 1.0 - (after / before).powi(2);
+            let curve = is_curve(found);
+            let sure = match (curve, after > FAR * floor) {
+                (true, _) => SURE_CURVE,
+                (false, true) => SURE_FAR,
+                (false, false) => SURE,
+            };
+            let doubtful = (share < sure || curve && curves > 1) && !known(found);
+            if doubtful && least.is_none_or(|(_, old, _)| share < old) {
+                least = Some((i, share, [before, after]));
+            }
+        }
+        let Some((i, share, errors)) = least else {
+            break;
+        };
+        let gone = effects.remove(i);
+        refused.push(doubt(gone.found.kind.name, share, errors, floor));
     }
-    *effects = kept;
     let mut found: Vec<Found> = Vec::new();
     let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
     for effect in effects.iter_mut() {
@@ -323,6 +332,10 @@ fn doubt(name: &'static str, share: f64, held_out_rms: [f64; 2], floor: f64) -> 
 
 /// Share of the squared error that an effect must take away to be named while more than the floor is left.
 const SURE: f64 = 0.3;
+/// The same while many floors are left.
+const SURE_FAR: f64 = 0.5;
+/// So many floors are many.
+const FAR: f64 = 3.0;
 /// The same for a curve over the coordinate.
 const SURE_CURVE: f64 = 0.6;
 /// Curves over the coordinate that can sit anywhere: two or three of them make up any load.

@@ -80,13 +80,21 @@ fn error_of(
     let white: Vec<f64> = (0..raw.len()).map(|_| random.normal()).collect();
     let level = floor.wrench_rms / rms(&motion.regressor(&white)?).max(1e-12);
     let noise = position_noise(motion, theta, (floor, series), &mut random)?;
+    // What was taken off for the tool has the noise of the poses.
+    let tool = motion.second_derivative(&noise);
+    let tool = tool.iter().map(|a| motion.tool_inertia * a);
     let noisy = JointSamples {
         kind: motion.kind,
         period: motion.period,
         runs: motion.runs.clone(),
         time: motion.time.clone(),
         q: motion.q.iter().zip(&noise).map(|(q, n)| q + n).collect(),
-        tau: raw.iter().zip(&white).map(|(t, w)| t + level * w).collect(),
+        tau: raw
+            .iter()
+            .zip(&white)
+            .zip(tool)
+            .map(|((t, w), own)| t + level * w - own)
+            .collect(),
         noise_of_q: Vec::new(),
         aside: crate::samples::Aside::default(),
     };
@@ -111,7 +119,7 @@ fn position_noise(
         let (velocity, acceleration) =
             (motion.derivative(&white), motion.second_derivative(&white));
         let effort: Vec<f64> = (0..n)
-            .map(|i| theta[0] * acceleration[i] + theta[2] * velocity[i])
+            .map(|i| (theta[0] + motion.tool_inertia) * acceleration[i] + theta[2] * velocity[i])
             .collect();
         let unit = rms(&motion.regressor_of_all(&effort)?);
         let level = if unit > 0.0 {

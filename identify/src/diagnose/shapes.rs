@@ -39,7 +39,7 @@ impl Free {
             Search::Factor(f) => (true, 1.0, [start / (f * f), start * f * f]),
             Search::Below => {
                 let fastest = ground.scope().fastest();
-                (true, 1.0, [0.05 * fastest, fastest])
+                (true, 1.0, [0.12 * fastest, fastest])
             }
             Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
         };

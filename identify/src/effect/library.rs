@@ -105,7 +105,7 @@ pub enum Search {
     Factor(f64),
     /// Within so many seconds, either way.
     Seconds(f64),
-    /// Anywhere below the greatest speed, down to a twentieth.
+    /// Anywhere below the greatest speed, down to an eighth: what opens sooner is no valve but friction.
     Below,
     /// Between these shares of the coordinate's range.
     Between(f64, f64),

@@ -69,7 +69,7 @@ pub const BACKLASH: Kind = Kind {
     shape: &[("gap", Unit::Position, Search::Factor(1.6))],
     variable: Variable::SinceReversal,
     grid: |scope| {
-        geometric(0.001, 0.03, 7)
+        geometric(0.0002, 0.03, 10)
             .into_iter()
             .map(|gap| vec![gap * scope.range()])
             .collect()
