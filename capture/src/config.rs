@@ -241,7 +241,7 @@ pub struct Network {
     /// Namespace of the topics, so that several grippers share a network: `blue` makes `/blue/ft/wrench`; empty = none.
     pub namespace: String,
     /// Messages that are kept of each stream for recorders on other machines that missed some: at 1 kHz 65536 are a minute,
-    /// and about 30 MB.
+    /// and about 20 MB.
     pub cache_samples: usize,
     /// Which ROS 2 distributions are to see the topics.
     pub profile: Profile,

@@ -14,7 +14,7 @@
 //! `foxglove/ws-protocol` `docs/spec.md`; names of the subprotocols from `foxglove` 0.30.3 and Lichtblick.
 
 use std::collections::HashMap;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
 use axum::Router;
@@ -24,7 +24,7 @@ use axum::extract::{ConnectInfo, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
-use ft_drivers::MonotonicClock;
+use ft_drivers::{Clock as _, MonotonicClock};
 use ft_recording::message::{
     DiagnosticArray, JointState, Marker, Message, PoseStamped, TFMessage, Temperature, Text,
     WrenchStamped,
@@ -37,7 +37,7 @@ use tokio::sync::broadcast;
 use crate::live::Hub;
 use crate::live::derived::{FORCE_ARROW, TF, WRENCH_VIEW};
 use crate::live::hub::Whole;
-use crate::web::{PATIENCE, Refusals, Server, Visitor, WebError, Why, start};
+use crate::web::{Allowance, PATIENCE, Refusals, Server, Visitor, WebError, Why, start};
 
 /// Where Foxglove looks when nothing else is said.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8765";
@@ -47,6 +47,9 @@ const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 const LONGEST_MESSAGE: usize = 64 * 1024;
 /// Subscriptions of one client.
 const MOST_SUBSCRIPTIONS: usize = 64;
+/// Messages of one client a second, and how many at once.
+const WORDS_PER_SECOND: f64 = 20.0;
+const WORDS_AT_ONCE: f64 = 200.0;
 /// Pages that may connect although they are not ours: the web applications. Programs have no origin.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "https://studio.foxglove.dev"];
 
@@ -55,11 +58,13 @@ const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "https://studio.foxglove
 /// # Errors
 /// The port cannot be opened.
 pub fn serve(hub: Arc<Hub>, address: SocketAddr) -> Result<Server, WebError> {
-    let refusals = Arc::new(Refusals::new(MonotonicClock::anchored_now()));
+    let clock = MonotonicClock::anchored_now();
+    let refusals = Arc::new(Refusals::new(clock));
     let desk = Desk {
         hub,
         refusals: Arc::clone(&refusals),
         channels: Arc::new(channels()),
+        clock,
     };
     let app = Router::new().route("/", get(connect)).with_state(desk);
     start(app, address, refusals, String::new())
@@ -70,6 +75,7 @@ struct Desk {
     hub: Arc<Hub>,
     refusals: Arc<Refusals>,
     channels: Arc<Vec<Channel>>,
+    clock: MonotonicClock,
 }
 
 /// One topic; its id is its place and 1.
@@ -129,7 +135,7 @@ async fn connect(
     upgrade.on_upgrade(move |socket| async move {
         desk.hub.add_viewer();
         // A client that left or does not read is gone; there is nobody to tell.
-        let _ = show(socket, &desk).await;
+        let _ = show(socket, &desk, visitor.address.ip()).await;
         desk.hub.remove_viewer();
     })
 }
@@ -174,7 +180,8 @@ struct Subscription {
 /// Why a client is served no longer.
 struct Gone;
 
-async fn show(mut socket: WebSocket, desk: &Desk) -> Result<(), Gone> {
+async fn show(mut socket: WebSocket, desk: &Desk, from: IpAddr) -> Result<(), Gone> {
+    let mut words = Allowance::new(WORDS_PER_SECOND, WORDS_AT_ONCE, desk.clock.now());
     let mut messages = desk.hub.watch_messages();
     let mut wanted: HashMap<&'static str, u32> = HashMap::new();
     send(&mut socket, text(&server_info())).await?;
@@ -191,6 +198,10 @@ async fn show(mut socket: WebSocket, desk: &Desk) -> Result<(), Gone> {
                 Err(broadcast::error::RecvError::Closed) => return Ok(()),
             },
             said = socket.recv() => match said {
+                Some(Ok(_)) if !words.spend(desk.clock.now()) => {
+                    desk.refusals.add(Why::TooMuch, from);
+                    return Err(Gone);
+                }
                 Some(Ok(Frame::Text(said))) => {
                     for latched in take_request(&said, desk, &mut wanted) {
                         send(&mut socket, latched).await?;
@@ -330,6 +341,7 @@ mod tests {
             hub: Arc::new(Hub::new("here")),
             refusals: Arc::new(Refusals::new(MonotonicClock::anchored_now())),
             channels: Arc::new(channels()),
+            clock: MonotonicClock::anchored_now(),
         };
         let mut wanted = HashMap::new();
         let subscribe = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":99}]}"#;

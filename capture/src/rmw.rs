@@ -152,15 +152,21 @@ pub struct Attachment {
     pub gid: [u8; 16],
 }
 
-/// Reads an attachment; `None` when it is not one of rmw_zenoh's.
+/// Numbers and instants beyond this are nonsense: it is the year 2116, and room to reckon with.
+const BEYOND: i64 = 1 << 62;
+
+/// Reads an attachment; `None` when it is not one of rmw_zenoh's, or its number or instant cannot be.
 #[must_use]
 pub fn read_attachment(bytes: &[u8]) -> Option<Attachment> {
     let (numbers, rest) = bytes.split_first_chunk::<16>()?;
     let [16, gid @ ..] = rest else { return None };
     let (sequence, source_ns) = numbers.split_first_chunk::<8>()?;
-    Some(Attachment {
-        sequence: i64::from_le_bytes(*sequence),
-        source_ns: i64::from_le_bytes(source_ns.try_into().ok()?),
+    let sequence = i64::from_le_bytes(*sequence);
+    let source_ns = i64::from_le_bytes(source_ns.try_into().ok()?);
+    let can_be = (1..BEYOND).contains(&sequence) && (0..BEYOND).contains(&source_ns);
+    can_be.then_some(Attachment {
+        sequence,
+        source_ns,
         gid: gid.try_into().ok()?,
     })
 }
@@ -264,5 +270,16 @@ mod tests {
             assert_eq!(read_attachment(&bytes[..length]), None);
         }
         assert_eq!(read_attachment(&[bytes.as_slice(), &[0]].concat()), None);
+        for (sequence, source_ns) in [
+            (0, 5),
+            (-1, 5),
+            (i64::MIN, 5),
+            (BEYOND, 5),
+            (1, -5),
+            (1, i64::MAX),
+        ] {
+            let nonsense = attachment(sequence, source_ns, id);
+            assert_eq!(read_attachment(&nonsense), None, "{sequence} {source_ns}");
+        }
     }
 }

@@ -6,7 +6,7 @@
 //! POST /command/<name>    status tare mark start stop; the argument is the body; Authorization: Bearer <token>
 //! ```
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -20,7 +20,6 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Router, serve};
 use ft_drivers::{Clock, MonotonicClock};
-use ft_wire::HostTime;
 use serde_json::Value;
 use tokio::sync::{broadcast, oneshot};
 
@@ -28,11 +27,13 @@ use crate::live::{Frame, Hub};
 use crate::session::control::{Command, Commands, refusal};
 
 mod access;
+mod allowance;
 mod door;
 mod refusals;
 
 use access::Access;
 pub(crate) use access::new_token;
+pub(crate) use allowance::Allowance;
 use door::Door;
 pub(crate) use door::Visitor;
 pub(crate) use refusals::{Refusals, Why};
@@ -46,6 +47,9 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(15);
 /// Commands a second, and how many at once.
 const COMMANDS_PER_SECOND: f64 = 10.0;
 const COMMANDS_AT_ONCE: f64 = 20.0;
+/// Messages of a viewer a second, and how many at once: it has nothing to say.
+const WORDS_PER_SECOND: f64 = 2.0;
+const WORDS_AT_ONCE: f64 = 20.0;
 
 /// Carries out what a page asks.
 pub trait Operator: Send + Sync + 'static {
@@ -136,7 +140,11 @@ pub fn serve_page(
         access: Access::new(token.clone()),
         refusals: Arc::clone(&refusals),
         clock,
-        allowance: Mutex::new((COMMANDS_AT_ONCE, clock.now())),
+        allowance: Mutex::new(Allowance::new(
+            COMMANDS_PER_SECOND,
+            COMMANDS_AT_ONCE,
+            clock.now(),
+        )),
     }));
     let app = Router::new()
         .route(
@@ -219,22 +227,17 @@ struct DeskInner {
     access: Access,
     refusals: Arc<Refusals>,
     clock: MonotonicClock,
-    allowance: Mutex<(f64, HostTime)>,
+    allowance: Mutex<Allowance>,
 }
 
 impl DeskInner {
     /// Whether one more command may be carried out now.
     fn spend(&self) -> bool {
-        let now = self.clock.now();
         let mut allowance = self
             .allowance
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        let (left, since) = *allowance;
-        let left = (left + now.seconds_since(since) * COMMANDS_PER_SECOND).min(COMMANDS_AT_ONCE);
-        let granted = left >= 1.0;
-        *allowance = (if granted { left - 1.0 } else { left }, now);
-        granted
+        allowance.spend(self.clock.now())
     }
 }
 
@@ -331,18 +334,23 @@ async fn live(
     upgrade: WebSocketUpgrade,
 ) -> Response {
     visitor.stay();
-    let hub = Arc::clone(&desk.0.hub);
+    let from = visitor.address.ip();
     upgrade
         .max_message_size(LONGEST_MESSAGE)
         .max_frame_size(LONGEST_MESSAGE)
         .write_buffer_size(0)
-        .on_upgrade(move |socket| show(socket, hub))
+        .on_upgrade(move |socket| async move {
+            desk.0.hub.add_viewer();
+            show(socket, &desk.0, from).await;
+            desk.0.hub.remove_viewer();
+        })
 }
 
-/// One viewer, until it leaves or reads nothing for [`PATIENCE`].
-async fn show(mut socket: WebSocket, hub: Arc<Hub>) {
-    hub.add_viewer();
+/// One viewer, until it leaves, reads nothing for [`PATIENCE`], or talks too much.
+async fn show(mut socket: WebSocket, desk: &DeskInner, from: IpAddr) {
+    let hub = &desk.hub;
     let mut frames = hub.watch_frames();
+    let mut words = Allowance::new(WORDS_PER_SECOND, WORDS_AT_ONCE, desk.clock.now());
     loop {
         let message = tokio::select! {
             frame = frames.recv() => match frame {
@@ -355,7 +363,11 @@ async fn show(mut socket: WebSocket, hub: Arc<Hub>) {
                 Err(broadcast::error::RecvError::Closed) => break,
             },
             said = socket.recv() => match said {
-                Some(Ok(_)) => continue,
+                Some(Ok(_)) if words.spend(desk.clock.now()) => continue,
+                Some(Ok(_)) => {
+                    desk.refusals.add(Why::TooMuch, from);
+                    break;
+                }
                 Some(Err(_)) | None => break,
             },
         };
@@ -364,5 +376,4 @@ async fn show(mut socket: WebSocket, hub: Arc<Hub>) {
             Ok(Err(_)) | Err(_) => break,
         }
     }
-    hub.remove_viewer();
 }

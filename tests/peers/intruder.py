@@ -63,6 +63,17 @@ def huge_message():
             return "hung up", sent
 
 
+def talkative():
+    """What becomes of a viewer that sends small messages without end, and after how many."""
+    with connect(f"ws://{HERE}/live", proxy=None) as opened:
+        for count in range(100_000):
+            try:
+                opened.send("x")
+            except ConnectionClosed:
+                return "hung up", count
+    return "taken", count
+
+
 def huge_body():
     return request("POST", "/command/mark", {"Authorization": f"Bearer {TOKEN}", "Content-Length": "100000000"}, b"x" * 100_000)
 
@@ -124,6 +135,7 @@ def main():
         "viewer of another origin": websocket(Origin="https://evil.example"),
         "viewer of another port": websocket(Origin=f"http://{HOST}:1"),
         "huge message": huge_message(),
+        "talkative": talkative(),
         "huge body": huge_body(),
         "method": request("GET", "/command/stop", {"Authorization": f"Bearer {TOKEN}"}),
         "path": request("GET", "/../../etc/passwd", {}),

@@ -225,6 +225,7 @@ fn intruders_are_refused_and_nobody_else_notices() {
         seen["huge message"][1].as_u64().unwrap() < 20_000_000,
         "{seen}"
     );
+    assert_eq!(seen["talkative"][0], "hung up", "{seen}");
     assert!(seen["of 1000 connections"].as_u64().unwrap() < 64, "{seen}");
     assert!(
         seen["frames_hz meanwhile"].as_f64().unwrap() > 30.0,
@@ -238,6 +239,7 @@ fn intruders_are_refused_and_nobody_else_notices() {
         "without the right token",
         "host name",
         "too many commands",
+        "talks too much",
     ] {
         let lines = said.lines().filter(|line| line.contains(reason)).count();
         assert!((1..=2).contains(&lines), "{reason}: {lines} lines\n{said}");

@@ -36,6 +36,35 @@ fn assert_nothing_lost(summary: &Value, rates: &[(&str, f64)]) {
 }
 
 #[test]
+fn zenohs_own_recorder_comes_late_and_gets_everything() {
+    let test = "zenohs_own_recorder_comes_late_and_gets_everything";
+    let Some(_) = peers::python(test) else { return };
+    let folder = tempdir().unwrap();
+    let endpoint = "tcp/127.0.0.1:17449";
+    let arguments = ["--sim", "--no-record", "--json", "--listen", endpoint];
+    let capture = programs::command("ft-capture", &arguments, folder.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait(6000);
+    let seen = peers::run(test, "advanced.py", &[endpoint, "4"]).unwrap();
+    let ended = programs::end("ft-capture", capture);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    let seen = seen.expect_code(0).json();
+    println!("{seen}");
+    let count = |of: &str| seen[of].as_u64().unwrap();
+    assert_eq!((count("first"), count("backwards")), (1, 0), "{seen}");
+    assert_eq!(
+        count("last"),
+        count("different"),
+        "no number is missing: {seen}"
+    );
+    assert_eq!(count("received"), count("different"), "{seen}");
+    assert!(count("last") > 4000, "{seen}");
+}
+
+#[test]
 fn a_real_time_session_reaches_a_ros_2_subscriber_and_loses_nothing() {
     let test = "a_real_time_session_reaches_a_ros_2_subscriber_and_loses_nothing";
     let folder = tempdir().unwrap();

@@ -14,6 +14,7 @@ use ft_capture::network::{self, DEFAULT_ENDPOINT};
 use ft_capture::remote::recorder::Recorder;
 use ft_capture::remote::{Remote, Which};
 use ft_capture::session::control::Command;
+use ft_capture::sink::SinkError;
 use ft_capture::terminal::{self, Desk};
 use ft_capture::web::{self, Operator};
 use ft_capture::{foxglove, logging};
@@ -94,9 +95,12 @@ fn main() -> ExitCode {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,
         Ok(Outcome::DataLost) => ExitCode::from(LOST),
         Err(error) => {
-            eprintln!(
-                "ft-view: {error}\nIs ft-capture running there, and does it listen (--listen) on that address?"
-            );
+            eprintln!("ft-view: {error}");
+            if let Some(SinkError::Zenoh { .. }) = error.downcast_ref() {
+                eprintln!(
+                    "Is ft-capture running there, and does it listen (--listen) on that address?"
+                );
+            }
             ExitCode::FAILURE
         }
     }

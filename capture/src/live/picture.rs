@@ -24,6 +24,8 @@ const MOST_SOURCES: usize = 32;
 pub const HISTORY: usize = 1000;
 /// Marks that are shown.
 const MOST_MARKS: usize = 8;
+/// Characters of a mark or of a topic's name: each viewer gets them four times a second.
+const LONGEST_TEXT: usize = 256;
 
 /// What a viewer knows.
 #[derive(Debug)]
@@ -102,7 +104,7 @@ impl Picture {
     /// Takes one message.
     pub(super) fn take(&mut self, sample: &Sample<'_>) {
         if !self.topics.contains_key(sample.topic) {
-            if self.topics.len() == MOST_TOPICS {
+            if self.topics.len() == MOST_TOPICS || sample.topic.len() > LONGEST_TEXT {
                 return;
             }
             self.topics
@@ -163,7 +165,7 @@ impl Picture {
             self.marks.pop_front();
         }
         self.marks.push_back(Mark {
-            text,
+            text: text.chars().take(LONGEST_TEXT).collect(),
             at_s: at.as_nanos() as f64 * 1e-9,
         });
     }
@@ -292,6 +294,14 @@ mod tests {
             picture.take(&sample(&format!("/invented/{index}"), &[], 1));
         }
         assert_eq!(picture.topics.len(), MOST_TOPICS);
+        let mut picture = Picture::new("here");
+        picture.take(&sample(&"/x".repeat(1000), &[], 1));
+        assert!(picture.topics.is_empty());
+        let novel = Text {
+            data: "ä".repeat(100_000),
+        };
+        picture.take(&sample(topic::MARKS, &encoded(&novel), 1));
+        assert_eq!(picture.marks[0].text, "ä".repeat(LONGEST_TEXT));
     }
 
     #[test]

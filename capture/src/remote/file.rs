@@ -167,7 +167,10 @@ impl File {
     fn do_what_is_due(&mut self, now: HostTime) {
         for due in self.sources.due(now) {
             match due {
-                Due::Lost(topic, count) => self.topics.entry(topic).or_default().gaps += count,
+                Due::Lost(topic, count) => {
+                    let ledger = self.topics.entry(topic).or_default();
+                    ledger.gaps = ledger.gaps.saturating_add(count);
+                }
                 Due::Ask(gid, publisher, first, last) => {
                     self.asking.messages(gid, &publisher, first, last);
                 }
@@ -228,7 +231,11 @@ impl File {
             .attachment()
             .and_then(|bytes| rmw::read_attachment(&bytes.to_bytes()));
         let ledger = self.topics.entry(Arc::clone(&topic)).or_default();
-        let (Some(attachment), Some(id)) = (attachment, id) else {
+        let Some(id) = id else {
+            ledger.others += 1;
+            return Ok(());
+        };
+        let Some(attachment) = attachment else {
             ledger.refused += 1;
             return Ok(());
         };
@@ -243,11 +250,12 @@ impl File {
         match self.sources.take(arrived, &topic, publisher, now) {
             Place::Next => {}
             Place::First => {
-                ledger.earlier += u64::try_from(attachment.sequence - 1).unwrap_or(0);
+                let before = u64::try_from(attachment.sequence - 1).unwrap_or(0);
+                ledger.earlier = ledger.earlier.saturating_add(before);
             }
-            Place::Skips(lost) => ledger.gaps += lost,
-            Place::Fills => ledger.gaps -= 1,
-            Place::Earlier => ledger.earlier -= 1,
+            Place::Skips(lost) => ledger.gaps = ledger.gaps.saturating_add(lost),
+            Place::Fills => ledger.gaps = ledger.gaps.saturating_sub(1),
+            Place::Earlier => ledger.earlier = ledger.earlier.saturating_sub(1),
             Place::Twice => {
                 ledger.duplicated += 1;
                 return Ok(());

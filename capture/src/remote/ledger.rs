@@ -21,8 +21,10 @@ pub struct RemoteLedger {
     /// Messages that came and were given up, as the ledger of every recording says it: none, because what has no room at once is
     /// asked for again, and is a gap when it cannot be had.
     pub drops: u64,
-    /// Messages of a type that this recorder does not know, or without rmw_zenoh's attachment.
+    /// Messages without rmw_zenoh's attachment, or with one that cannot be.
     pub refused: u64,
+    /// Messages of a type that no capture publishes, of others on the network: they are not recorded.
+    pub others: u64,
 }
 
 impl RemoteLedger {
@@ -56,19 +58,20 @@ impl std::fmt::Display for RemoteSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7}",
-            "topic", "received", "recovered", "missing", "earlier", "doubled", "refused"
+            "{:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7} {:>7}",
+            "topic", "received", "recovered", "missing", "earlier", "doubled", "refused", "others"
         )?;
         for (topic, ledger) in &self.topics {
             writeln!(
                 f,
-                "{topic:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7}",
+                "{topic:<27} {:>9} {:>9} {:>7} {:>8} {:>7} {:>7} {:>7}",
                 ledger.received,
                 ledger.recovered,
                 ledger.gaps,
                 ledger.earlier,
                 ledger.duplicated,
-                ledger.refused
+                ledger.refused,
+                ledger.others
             )?;
         }
         writeln!(
@@ -103,5 +106,12 @@ mod tests {
         };
         assert!(!before.lost_data());
         assert!(RemoteLedger { gaps: 1, ..before }.lost_data());
+        assert!(
+            !RemoteLedger {
+                others: 1,
+                ..before
+            }
+            .lost_data()
+        );
     }
 }

@@ -136,7 +136,7 @@ pub fn refusal(error: &str) -> Value {
     json!({"ok": false, "error": error})
 }
 
-/// Declares the queryables of the gripper `id`; dropping them ends the control.
+/// Declares the queryables of the gripper `id` and starts the thread that carries commands out; dropping them ends the control.
 ///
 /// # Errors
 /// Zenoh refuses a declaration.
@@ -145,13 +145,29 @@ pub fn declare(
     id: &str,
     commands: &Commands,
 ) -> Result<Vec<Queryable<()>>, SinkError> {
+    let (sender, queries) = bounded::<(Query, &str)>(CAPACITY);
+    let commands = commands.clone();
+    std::thread::Builder::new()
+        .name("ft-commands".to_owned())
+        .spawn(move || {
+            while let Ok((query, name)) = queries.recv() {
+                answer(&query, name, &commands);
+            }
+        })
+        .map_err(|error| SinkError::Zenoh {
+            what: "starting the thread of the commands",
+            why: error.to_string(),
+        })?;
     NAMES
         .into_iter()
         .map(|name| {
-            let commands = commands.clone();
+            let sender = sender.clone();
             session
                 .declare_queryable(format!("ft_capture/{id}/{name}"))
-                .callback(move |query| answer(&query, name, &commands))
+                .callback(move |query| {
+                    // Zenoh's own threads do not wait: who floods gets no answer.
+                    let _ = sender.try_send((query, name));
+                })
                 .wait()
                 .map_err(|error| SinkError::Zenoh {
                     what: "declaring a command",
@@ -161,7 +177,7 @@ pub fn declare(
         .collect()
 }
 
-/// Runs in a thread of Zenoh's: hands the command over and waits for the answer.
+/// Hands the command over and waits for the answer.
 fn answer(query: &Query, name: &str, commands: &Commands) {
     let text = query.payload().map(|payload| payload.try_to_string());
     let reply = match text.transpose() {

@@ -18,10 +18,11 @@ pub(crate) enum Why {
     Origin,
     Token,
     TooFast,
+    TooMuch,
 }
 
 impl Why {
-    const ALL: usize = 5;
+    const ALL: usize = 6;
 
     const fn text(self) -> &'static str {
         match self {
@@ -30,6 +31,7 @@ impl Why {
             Self::Origin => "a page of another origin",
             Self::Token => "a command without the right token",
             Self::TooFast => "too many commands",
+            Self::TooMuch => "a viewer that talks too much",
         }
     }
 }
