@@ -83,7 +83,7 @@ pub const ZONE: Kind = Kind {
             .collect();
         both
     },
-    at: Some(|shape, q, dq| zone(shape, q, dq).to_vec()),
+    at: Some(zone),
     separate: "strokes at different speeds through the zone, both ways",
 };
 
