@@ -4,7 +4,7 @@ use crate::hold::{Grasp, Hold};
 use crate::measurement::Measurement;
 use crate::motion::{Jet, RigidMotion};
 use crate::person::contact::Grip;
-use crate::person::free_air::{self, FreeAir};
+use crate::person::free_air::FreeAir;
 use crate::person::plan::{self, Occasion, Segment};
 use crate::person::{Hand, Person};
 use crate::random::{Random, Stream};
@@ -28,9 +28,9 @@ const TAIL_S: f64 = 1.0;
 const LEAST_S: f64 = 4.0;
 
 impl Timeline {
-    /// The parts of a run that lasts `seconds` in all, or of one with a minute of probing.
-    pub(crate) fn lasting(seconds: Option<f64>) -> Result<Self, ScenarioError> {
-        let around = LEAD_IN_S + free_air::FULL_S + TAIL_S;
+    /// The parts of a run that lasts `seconds` in all, or of one with a minute of probing, with as long a free-air part.
+    pub(crate) fn lasting(seconds: Option<f64>, free_air_s: f64) -> Result<Self, ScenarioError> {
+        let around = LEAD_IN_S + free_air_s + TAIL_S;
         let total = seconds.unwrap_or(around + PROBING_S);
         if total.is_nan() || total < LEAST_S {
             return Err(ScenarioError::TooShort {
@@ -44,7 +44,7 @@ impl Timeline {
             |t: f64| (t * f64::from(STEPS_PER_SECOND)).round() / f64::from(STEPS_PER_SECOND);
         Ok(Self {
             free_air_begin: on_step(share * LEAD_IN_S),
-            grasp: on_step(share * (LEAD_IN_S + free_air::FULL_S)),
+            grasp: on_step(share * (LEAD_IN_S + free_air_s)),
             release: on_step(total - share * TAIL_S),
             end: total,
         })
@@ -97,7 +97,7 @@ impl Scene {
         seed: u64,
         seconds: Option<f64>,
     ) -> Result<Self, ScenarioError> {
-        let timeline = Timeline::lasting(seconds)?;
+        let timeline = Timeline::lasting(seconds, scenario.person.free_air_s)?;
         let seed = scenario.salted(seed);
         let setting = Setting::draw(scenario, &mut Random::new(seed, Stream::Setting));
         let (object, undeclared) = (&scenario.object, &scenario.undeclared);

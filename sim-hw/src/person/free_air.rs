@@ -5,8 +5,8 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use crate::motion::{Jet, RigidMotion};
 use crate::random::{Random, Wave};
 
-/// Seconds of the free-air part at its full length.
-pub(crate) const FULL_S: f64 = 8.0;
+/// Seconds of the free-air part at its usual length, to which those below belong.
+const FULL_S: f64 = 8.0;
 const TURN_S: f64 = 0.5;
 const STILL_S: f64 = 0.8;
 const SHAKE_S: f64 = 1.7;

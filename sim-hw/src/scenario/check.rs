@@ -226,6 +226,7 @@ impl Scenario {
         within("person.max_force_n", person.max_force_n, 5.0, 500.0)?;
         within("person.top_speed_m_s", person.top_speed_m_s, 0.05, 3.0)?;
         within("person.shake_m_s2", person.shake_m_s2, 0.5, 30.0)?;
+        within("person.free_air_s", person.free_air_s, 4.0, 3600.0)?;
         within("person.tremor_n", person.tremor_n, 0.0, 10.0)?;
         within(
             "person.off_axis_force_n",

@@ -197,6 +197,8 @@ pub struct PersonSpec {
     pub top_speed_m_s: f64,
     /// Peak acceleration of a shake at the handle, m/s^2.
     pub shake_m_s2: f64,
+    /// How long the tool is held, turned and shaken in free air before the grasp, s.
+    pub free_air_s: f64,
     /// Tremor along the motion, 8-12 Hz, N rms.
     pub tremor_n: f64,
     /// Forces across the motion, N rms.
@@ -216,6 +218,7 @@ impl Default for PersonSpec {
             max_force_n: 110.0,
             top_speed_m_s: 1.2,
             shake_m_s2: 9.0,
+            free_air_s: 8.0,
             tremor_n: 0.5,
             off_axis_force_n: 8.0,
             off_axis_torque_nm: 0.8,

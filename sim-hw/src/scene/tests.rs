@@ -153,17 +153,22 @@ fn a_run_too_short_to_grasp_is_refused() {
         ));
     }
     for seconds in [4.0, 8.0, 20.0, 71.0, 200.0] {
-        let timeline = Timeline::lasting(Some(seconds)).unwrap();
+        let timeline = Timeline::lasting(Some(seconds), 8.0).unwrap();
         assert!(
             timeline.release - timeline.grasp >= 0.49 * seconds,
             "{timeline:?}"
         );
         assert_eq!(timeline.end, seconds);
     }
-    let whole = Timeline::lasting(None).unwrap();
+    let whole = Timeline::lasting(None, 8.0).unwrap();
     assert!(
         (whole.release - whole.grasp - 60.0).abs() < 1e-9
             && (whole.grasp - whole.free_air_begin - 8.0).abs() < 1e-9
+    );
+    let calm = Timeline::lasting(None, 100.0).unwrap();
+    assert!(
+        (calm.release - calm.grasp - 60.0).abs() < 1e-9
+            && (calm.grasp - calm.free_air_begin - 100.0).abs() < 1e-9
     );
 }
 
