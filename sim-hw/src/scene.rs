@@ -39,7 +39,7 @@ impl Timeline {
             });
         }
         // At least half of a short run is probing.
-        let share = (0.5 * total / around).min(1.0);
+        let share = seconds.map_or(1.0, |total| (0.5 * total / around).min(1.0));
         let on_step =
             |t: f64| (t * f64::from(STEPS_PER_SECOND)).round() / f64::from(STEPS_PER_SECOND);
         Ok(Self {

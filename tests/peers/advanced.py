@@ -27,6 +27,8 @@ def main():
             numbers.append(struct.unpack_from("<q", sample.attachment.to_bytes())[0])
 
     with zenoh.open(config) as session:
+        # Its one question for the history goes to whom the session knows by then.
+        time.sleep(1.5)
         subscriber = declare_advanced_subscriber(
             session, "0/ft/wrench/**", take,
             history=HistoryConfig(detect_late_publishers=True), recovery=RecoveryConfig(heartbeat=True),
