@@ -64,16 +64,19 @@ impl State {
         })
     }
 
-    /// Other candidates that pass every gate and have a good part of the choice's evidence, the best first.
-    pub(super) fn rivals(&self, choice: &Ranked, seen: &Look) -> Vec<Ranked> {
+    /// Other candidates that pass every gate and have a good part of the choice's evidence, the best first, with what chance
+    /// says of each.
+    pub(super) fn rivals(&self, choice: &Ranked, seen: &Look) -> Vec<(Ranked, f64)> {
         let other = |entry: &&Ranked| {
             entry.kind.name != choice.kind.name
                 && entry.kind.name != "time_lag"
                 && entry.score > RIVAL_SCORE * choice.score
                 && self.why_not(entry, seen).is_none()
         };
-        let rivals = seen.ranked.iter().filter(other);
-        rivals.take(MOST_RIVALS).cloned().collect()
+        let rivals = seen.ranked.iter().filter(other).take(MOST_RIVALS);
+        rivals
+            .map(|entry| (entry.clone(), p_value(entry, seen)))
+            .collect()
     }
 
     /// Whether a load of one shape passes every gate; a notch or a magnet has to be the best of all.

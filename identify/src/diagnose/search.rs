@@ -250,8 +250,7 @@ impl State {
         if least < EXPLAINED_BELOW * self.floor.rms || before.is_empty() {
             return Ok(());
         }
-        let rivals = self.rivals(choice, seen);
-        for rival in rivals {
+        for (rival, p_value) in self.rivals(choice, seen) {
             let chosen = core::mem::replace(&mut self.effects, before.clone());
             self.effects.push((rival.found(&self.ground), p_value));
             self.refine_all()?;
