@@ -1,20 +1,17 @@
 //! The tool's mass, centre of mass and inertia, the sensor's bias, and the time between pose and wrench, from a recording
 //! of the tool in free air.
 
-use std::path::Path;
-
-use ft_recording::rewrite::Rewrite;
-use ft_recording::{Calibration, Estimate, Pose7, Recording, TopicMap, metadata, topic};
+use ft_recording::{Calibration, Estimate, Recording, Stamped};
 use ft_wire::HostTime;
-use ft_wire::frames::{Frame as _, FtSensor, Tcp};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
-use crate::config::{Frames, StaticPose};
+use crate::gyro::Gyroscope;
 
 mod align;
+mod body;
 mod dense;
 mod error;
+mod file;
 mod fit;
 mod plot;
 mod series;
@@ -22,8 +19,10 @@ mod text;
 mod turn;
 
 pub use align::Alignment;
+use body::body;
 pub use error::CalibrateError;
-use fit::{BIAS, Delay, Extras, Fit, Problem};
+pub use file::{Outputs, calibrate_file};
+use fit::{Delay, Extras, Fit, Problem};
 use series::{PoseSide, WrenchSide};
 pub use turn::SensorRotation;
 
@@ -70,6 +69,9 @@ pub struct Calibrated {
     pub alignment: Option<Alignment>,
     /// Why there is no alignment.
     pub not_aligned: Option<String>,
+    /// What a gyroscope of the wrench's clock says of the poses' stamps, moved by the alignment; none when the recording has no
+    /// inertial unit.
+    pub gyroscope: Option<Gyroscope>,
     /// Root mean square of what is left of the wrench in free air, below 8 Hz: N, N m.
     pub residual_rms: [f64; 2],
     /// The same before the tool's own wrench and the bias were taken off, about the mean.
@@ -139,22 +141,35 @@ fn median(values: &[f64]) -> Option<f64> {
 
 impl Problem {
     fn of(recording: &Recording, options: &CalibrateOptions) -> Result<Self, CalibrateError> {
-        let start = recording
-            .wrench
-            .first()
-            .map_or(HostTime::EPOCH, |first| first.at);
+        let start = start_of(recording);
         let wrench = WrenchSide::of(recording, start)?;
         let span = wrench.span().unwrap_or((0.0, 0.0));
-        let windows = free_air(recording, start, options);
+        let named = free_air(recording, start, options);
+        let windows: Vec<_> = named
+            .iter()
+            .map(|(from, to)| (from.max(span.0), to.min(span.1)))
+            .filter(|(from, to)| to > from)
+            .collect();
+        if windows.is_empty() {
+            let named: Vec<_> = named
+                .iter()
+                .map(|(from, to)| format!("{from:.1} to {to:.1} s"))
+                .collect();
+            return Err(CalibrateError::NoFreeAir {
+                named: match (named.as_slice(), options.free_air) {
+                    ([], _) => "the marks leave none".to_owned(),
+                    (_, Some(_)) => format!("--free-air says {}", named.join(", ")),
+                    (_, None) => format!("it would be {}", named.join(", ")),
+                },
+                from_s: span.0,
+                until_s: span.1,
+            });
+        }
         Ok(Self {
             pose: PoseSide::of(recording, start)?,
             turned: None,
             wrench,
-            windows: windows
-                .into_iter()
-                .map(|(from, to)| (from.max(span.0), to.min(span.1)))
-                .filter(|(from, to)| to > from)
-                .collect(),
+            windows,
         })
     }
 }
@@ -235,12 +250,35 @@ pub fn calibrate(
         rotation: None,
         alignment,
         not_aligned,
+        gyroscope: gyroscope(recording, alignment),
         residual_rms: fit.rms,
         before_rms: spread(&series),
         free_air_s: fit.residuals.len() as f64 * fit::ROW_STEP_S,
         inertia_made_possible,
         series,
     })
+}
+
+/// First wrench's stamp.
+fn start_of(recording: &Recording) -> HostTime {
+    recording
+        .wrench
+        .first()
+        .map_or(HostTime::EPOCH, |first| first.at)
+}
+
+/// What the recording's gyroscope says of the poses' stamps, moved by the alignment.
+fn gyroscope(recording: &Recording, alignment: Option<Alignment>) -> Option<Gyroscope> {
+    if recording.angular_rate.is_empty() {
+        return Gyroscope::of(recording, &[]);
+    }
+    let start = start_of(recording);
+    let moved = |at| alignment.map_or(at, |alignment| alignment.shifted(at, start));
+    let poses = recording.pose.samples.iter().map(|pose| Stamped {
+        at: moved(pose.at),
+        value: pose.value,
+    });
+    Gyroscope::of(recording, &poses.collect::<Vec<_>>())
 }
 
 fn six(fit: &Fit, at: usize) -> Estimate<[f64; 6]> {
@@ -281,172 +319,6 @@ fn spread(series: &[FreeAirSample]) -> [f64; 2] {
             / n;
     }
     out.map(|power| (power / 3.0).sqrt())
-}
-
-/// Mass, centre of mass and inertia about it, and whether the inertia had to be made one of a body.
-fn body(fit: &Fit) -> Result<(Calibration, bool), CalibrateError> {
-    let (mass, std_kg) = (fit.theta[0], fit.std(0));
-    if !(mass > 0.0 && std_kg < 0.03 * mass) {
-        return Err(CalibrateError::MassUnknown {
-            mass_kg: mass,
-            std_kg,
-        });
-    }
-    let com = Vector3::new(fit.theta[1], fit.theta[2], fit.theta[3]) / mass;
-    let com_std: [f64; 3] = core::array::from_fn(|k| {
-        // c = h / m with their covariance.
-        let (hh, hm, mm) = (
-            fit.covariance[(1 + k, 1 + k)],
-            fit.covariance[(1 + k, 0)],
-            fit.covariance[(0, 0)],
-        );
-        (hh - 2.0 * com[k] * hm + com[k] * com[k] * mm)
-            .max(0.0)
-            .sqrt()
-            / mass
-    });
-    let worst = com_std.iter().copied().fold(0.0, f64::max);
-    if worst >= 0.005 {
-        return Err(CalibrateError::ComUnknown { std_m: worst });
-    }
-    let bias = six(fit, BIAS);
-    let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
-    let (std_n, std_nm) = (largest(&bias.std[..3]), largest(&bias.std[3..]));
-    if !(std_n < 0.1 && std_nm < 0.005) {
-        return Err(CalibrateError::BiasUnknown { std_n, std_nm });
-    }
-    let j = |k: usize| fit.theta[4 + k];
-    let about_origin = Matrix3::new(j(0), j(1), j(3), j(1), j(2), j(4), j(3), j(4), j(5));
-    let shift = (Matrix3::identity() * com.norm_squared() - com * com.transpose()) * mass;
-    let measured = about_origin - shift;
-    let (inertia, made_possible) = possible(&measured);
-    let entries = |m: &Matrix3<f64>| [m.m11, m.m12, m.m22, m.m13, m.m23, m.m33];
-    let (value, raw) = (entries(&inertia), entries(&measured));
-    Ok((
-        Calibration {
-            payload_mass_kg: Estimate {
-                value: mass,
-                std: std_kg,
-            },
-            payload_com_m: Estimate {
-                value: com.into(),
-                std: com_std,
-            },
-            payload_inertia_kgm2: Estimate {
-                value,
-                std: core::array::from_fn(|k| fit.std(4 + k).hypot(value[k] - raw[k])),
-            },
-            wrench_bias: Some(bias),
-        },
-        made_possible,
-    ))
-}
-
-/// The nearest inertia that a body can have: its second moments `tr(J)/2 - J` are not negative.
-fn possible(inertia: &Matrix3<f64>) -> (Matrix3<f64>, bool) {
-    let moments = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
-    let mut eigen = SymmetricEigen::new(moments);
-    let least = 1e-9;
-    if eigen.eigenvalues.iter().all(|value| *value >= least) {
-        return (*inertia, false);
-    }
-    eigen.eigenvalues.apply(|value| *value = value.max(least));
-    let moments = eigen.recompose();
-    (Matrix3::identity() * moments.trace() - moments, true)
-}
-
-/// Calibrates `file` and writes what was asked for: a new recording with `ft.calibration`, its poses shifted by the
-/// alignment when `shift` is set; a `calibration.toml`; a page with the residuals.
-///
-/// # Errors
-/// [`CalibrateError`].
-pub fn calibrate_file(
-    file: &Path,
-    map: &TopicMap,
-    options: &CalibrateOptions,
-    outputs: &Outputs<'_>,
-) -> Result<Calibrated, CalibrateError> {
-    let there = [outputs.toml, outputs.plot].into_iter().flatten();
-    if let Some(path) = there
-        .filter(|path| path.exists())
-        .find(|_| !outputs.overwrite)
-    {
-        return Err(CalibrateError::Exists {
-            path: path.to_owned(),
-        });
-    }
-    let recording = Recording::load(file, map)?;
-    let found = calibrate(&recording, options)?;
-    if let Some(out) = outputs.recording {
-        let mut rewrite = Rewrite::new();
-        rewrite.metadata(metadata::CALIBRATION, found.calibration.to_metadata()?);
-        rewrite.metadata(
-            metadata::CALIBRATED,
-            found.details(&recording, outputs.shift && found.alignment.is_some()),
-        );
-        let start = recording.wrench.first().map_or(HostTime::EPOCH, |w| w.at);
-        if let Some(frames) = found.frames(&recording) {
-            let sensor = &frames.tcp_from_ft_sensor;
-            let pose = Pose7 {
-                position: sensor.position_m,
-                quaternion: sensor.quaternion_xyzw,
-            };
-            rewrite.set_frame(Tcp::NAME, FtSensor::NAME, pose, map, start);
-        }
-        if let (true, Some(alignment)) = (outputs.shift, found.alignment) {
-            let map = map.clone();
-            rewrite.restamp(move |name, stamp, _| match map.resolve(name) {
-                Some(topic::ARIA_POSE | topic::TCP_POSE) => alignment.shifted(stamp, start),
-                _ => stamp,
-            });
-        }
-        rewrite.write(Some(file), out, outputs.overwrite)?;
-    }
-    let write = |path: &Path, text: String| {
-        std::fs::write(path, text).map_err(|source| CalibrateError::Write {
-            path: path.to_owned(),
-            source,
-        })
-    };
-    if let Some(path) = outputs.toml {
-        write(path, found.to_toml(&recording)?)?;
-    }
-    if let Some(path) = outputs.plot {
-        write(path, plot::page(&recording, &found))?;
-    }
-    Ok(found)
-}
-
-/// What [`calibrate_file`] writes.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Outputs<'a> {
-    /// The new recording.
-    pub recording: Option<&'a Path>,
-    /// The `[calibration]` of later recordings.
-    pub toml: Option<&'a Path>,
-    /// The residuals as a page.
-    pub plot: Option<&'a Path>,
-    /// Shift the new recording's poses by the alignment.
-    pub shift: bool,
-    /// Replace existing files.
-    pub overwrite: bool,
-}
-
-impl Calibrated {
-    /// The frames with the rotation that was found.
-    fn frames(&self, recording: &Recording) -> Option<Frames> {
-        let pose = |pose: &Pose7| StaticPose {
-            position_m: pose.position,
-            quaternion_xyzw: pose.quaternion,
-        };
-        Some(Frames {
-            aria_device_from_tcp: pose(&recording.aria_device_from_tcp),
-            tcp_from_ft_sensor: StaticPose {
-                position_m: recording.tcp_from_ft_sensor.position,
-                quaternion_xyzw: self.rotation?.quaternion_xyzw,
-            },
-        })
-    }
 }
 
 impl Alignment {

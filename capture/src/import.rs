@@ -17,6 +17,7 @@ pub mod mps;
 mod plausible;
 pub mod table;
 pub mod tables;
+mod topics;
 
 /// Something cannot be imported.
 #[derive(Debug, thiserror::Error)]

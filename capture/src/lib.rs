@@ -14,6 +14,7 @@ pub mod channel;
 pub mod config;
 pub mod encode;
 pub mod foxglove;
+pub mod gyro;
 pub mod health;
 pub mod import;
 pub mod init;

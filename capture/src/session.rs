@@ -77,6 +77,12 @@ pub enum SessionError {
     /// The recording that is to be read cannot be.
     #[error(transparent)]
     Read(#[from] ft_recording::error::ReadError),
+    /// The new recording would take the place of the one that is read.
+    #[error("{} is the recording that is read: name another for the new one", path.display())]
+    IsSource {
+        /// The recording.
+        path: std::path::PathBuf,
+    },
     /// The recording has nothing to replay.
     #[error("{path}: {what}")]
     NotReplayable {

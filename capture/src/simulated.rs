@@ -218,5 +218,6 @@ fn calibration(known: &KnownSetup) -> Calibration {
             std: payload.inertia_std_kgm2,
         },
         wrench_bias: None,
+        covariance: None,
     }
 }

@@ -27,6 +27,32 @@ fn help_has_examples_and_exit_codes() {
 }
 
 #[test]
+fn every_subcommand_shows_examples_of_its_own() {
+    for name in [
+        "devices",
+        "init",
+        "check",
+        "recover",
+        "replay",
+        "keys",
+        "calibrate",
+        "import-aria",
+        "import-hoi",
+        "import-csv",
+        "import-bag",
+    ] {
+        let help = capture(&[name, "--help"]);
+        let text = String::from_utf8_lossy(&help.stdout);
+        assert_eq!(help.status.code(), Some(0), "{name}");
+        assert!(text.contains("Examples"), "{name}: {text}");
+        assert!(
+            text.contains(&format!("  ft-capture {name} ")),
+            "{name}: {text}"
+        );
+    }
+}
+
+#[test]
 fn devices_are_listed_or_said_to_be_absent() {
     let output = capture(&["devices"]);
     assert_eq!(output.status.code(), Some(0));

@@ -159,6 +159,15 @@ fn the_folder_is_imported_with_the_time_offsets_of_its_inertial_sensors() {
     assert_eq!(report.kind, TrajectoryKind::ClosedLoop);
     let [least, most] = report.imu_offsets_ms["imu-left gyroscope"];
     assert!(0.3 < least && least <= most && most < 4.5, "{least} {most}");
+    let own = report.own_rate.unwrap();
+    println!("measured: the trajectory's own angular rate {own}");
+    assert!(own.agrees() && own.explained > 0.95, "{own:?}");
+    let text = report.to_string();
+    assert!(
+        text.contains("imu-left gyroscope 0.") && text.contains("are not moved"),
+        "{text}"
+    );
+    assert_eq!(report.gyroscope, None);
     // The path between the pads: the device's, and the 0.22 m arm that turns with it.
     assert_eq!(recording.pose.samples.len(), 11_517);
     let length = |points: &[[f64; 3]]| -> f64 {

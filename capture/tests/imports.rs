@@ -269,6 +269,76 @@ fn a_tree_that_is_zipped_at_any_level_is_the_same_recordings() {
 }
 
 #[test]
+fn what_other_systems_put_beside_the_files_and_links_in_a_circle_do_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = recording("kitchen", "1-3", PLAIN);
+    let base = "extracted/kitchen/gripper";
+    let bag = format!("{base}/gripper/kitchen_1-3_gripper_bag");
+    for beside in [
+        format!("{bag}/calib/._g-imu.yaml"),
+        format!("{bag}/calib/._g-camchain.yaml"),
+        format!("{base}/gripper/._kitchen_1-3_gripper_bag"),
+        format!("{base}/gripper/._kitchen_4-4_gripper_bag.zip"),
+        format!("{base}/gripper/kitchen_5-5_gripper_bag.zip.part"),
+        "extracted/.DS_Store".to_owned(),
+        "extracted/kitchen/hand/kitchen_1-3_hand/data.csv".to_owned(),
+    ] {
+        files.insert(beside, b"\0\x05\x16\x07not what it is called".to_vec());
+    }
+    lay(&files, folder.path());
+    std::os::unix::fs::symlink("..", folder.path().join("extracted/back")).unwrap();
+    let found = parts(folder.path()).unwrap();
+    let names: Vec<_> = found.parts.iter().map(|part| part.name.as_str()).collect();
+    assert_eq!((names, found.unreadable.len()), (vec!["kitchen_1-3"], 0));
+    let (plain, of_plain) = import(folder.path(), &found.parts[0]);
+    // The same within an archive.
+    zip_up(&mut files, &format!("{bag}/calib"), false);
+    zip_up(&mut files, base, true);
+    let folder = tempfile::tempdir().unwrap();
+    lay(&files, folder.path());
+    let found = parts(folder.path()).unwrap();
+    assert_eq!(found.parts.len(), 1, "{found:?}");
+    let (report, recording) = import(folder.path(), &found.parts[0]);
+    assert_eq!(report.missing, plain.missing);
+    assert_eq!(recording.tcp_from_ft_sensor, of_plain.tcp_from_ft_sensor);
+    assert_eq!(recording.angular_rate.len(), 1_200);
+}
+
+#[test]
+fn wrenches_stamped_in_other_units_are_refused_with_the_right_one() {
+    for (unit_ns, digits) in [(1e9, 9), (1e6, 6), (1e3, 3)] {
+        let mut files = recording("kitchen", "1-3", PLAIN);
+        let (_, data) = files
+            .iter_mut()
+            .find(|(name, _)| name.ends_with("wrench/data.csv"))
+            .unwrap();
+        let text = String::from_utf8(data.clone()).unwrap();
+        let restamped = text
+            .lines()
+            .enumerate()
+            .map(|(row, line)| match line.split_once(',') {
+                Some((stamp, rest)) if row > 0 => {
+                    format!(
+                        "{:.digits$},{rest}",
+                        stamp.parse::<f64>().unwrap() / unit_ns
+                    )
+                }
+                _ => line.to_owned(),
+            });
+        *data = restamped.collect::<Vec<_>>().join("\n").into_bytes();
+        let folder = tempfile::tempdir().unwrap();
+        lay(&files, folder.path());
+        let found = parts(folder.path()).unwrap();
+        let error = import_part(&found.parts[0], &folder.path().join("out.mcap"), true);
+        let text = error.unwrap_err().to_string();
+        assert!(
+            text.contains("wrench/data.csv") && text.contains("must be in ns"),
+            "{unit_ns}: {text}"
+        );
+    }
+}
+
+#[test]
 fn rows_that_say_nothing_are_left_out_one_by_one_and_told() {
     let mut files = recording("bath", "2-2", PLAIN);
     let mut edit = |end: &str, change: &dyn Fn(&mut Vec<String>)| {

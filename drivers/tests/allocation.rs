@@ -1,4 +1,4 @@
-//! A stream that runs allocates nothing: link, pump, driver and clock translation together.
+//! A stream that runs allocates nothing: link, pump, driver and clock translation together, and every codec by itself.
 #![allow(missing_docs, reason = "a test")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -11,7 +11,10 @@ use ft_drivers::reading::Reading;
 use ft_drivers::translate::{OneWay, OneWayConfig};
 use ft_drivers::{RxStamps, Startup, SteppedClock};
 use ft_wire::bota_serial::{Sample, Status, encode};
-use ft_wire::{Chunk, HostTime};
+use ft_wire::{
+    CanFrame, Chunk, DecodeError, HostTime, Parsed, amt21, ati_netcanoem, dynamixel2, encoder_line,
+    gs_usb, hid, kunwei_kwr75, leptrino, optoforce_hex, pose_stream, robotous_rft,
+};
 
 thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
@@ -95,4 +98,128 @@ fn a_stream_that_runs_allocates_nothing() {
         "the counter counts: building the driver allocated"
     );
     assert_eq!(after - outlet.settled_at, 0);
+}
+
+/// A frame of each codec, decoded and encoded many times.
+#[test]
+fn no_codec_allocates() {
+    let can = CanFrame::standard(1, &[0x0B; 8]).unwrap();
+    let sensor = bota();
+    let record = robotous_rft::Response::Stream(robotous_rft::Record {
+        force: [617, -250, -1001],
+        torque: [500, -1000, 2000],
+        overload: 0,
+    });
+    let ids = robotous_rft::CanIds::default();
+    let hex = optoforce_hex::Packet::Sample(optoforce_hex::Sample {
+        counter: 7,
+        status: optoforce_hex::Status(0),
+        force: [100, -200, 300],
+        torque: Some([-50, 60, -70]),
+    });
+    let escaped = leptrino::Message::Sample(leptrino::Sample {
+        streamed: true,
+        raw: [16, -1000, 4112, 0, 5000, -10_000],
+        status: leptrino::Status(0),
+    });
+    let unchecked = kunwei_kwr75::Sample {
+        asked: false,
+        force_kg: [-9.78, -7.41, 7.51],
+        torque_kgm: [-0.17, 0.3, -0.005],
+    };
+    let even = CanFrame::standard(0x200, &[0, 0, 3, 0xE8, 0x0B, 0xB8, 0x13, 0x88]).unwrap();
+    let state = dynamixel2::PresentState {
+        current: -100,
+        velocity: 5,
+        position: 2048,
+    };
+    let status = dynamixel2::Packet::Status {
+        id: 1,
+        error: dynamixel2::StatusError(0),
+        params: dynamixel2::Params::new(&state.encode()).unwrap(),
+    };
+    // Lines are only ever read here, and written by firmware.
+    let line = encoder_line::encode(&encoder_line::Sample {
+        time_us: 1_000_000,
+        counts: 2048,
+    });
+    let pose = pose_stream::PoseSample {
+        tracking_ns: 1_234_567_890_123,
+        position: [1.0, -2.0, 0.5],
+        quaternion: [0.5, -0.5, 0.5, 0.5],
+        quality_score: 0.75,
+    };
+    let descriptor = [
+        0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x15, 0x00, 0x27, 0xFF, 0xFF, 0x00, 0x00,
+        0x75, 0x10, 0x95, 0x01, 0x81, 0x02, 0xC0,
+    ];
+    let axes = hid::axes(&descriptor).unwrap();
+    let codecs: [(&str, &dyn Fn() -> bool); 13] = [
+        ("bota_serial", &|| {
+            whole(ft_wire::bota_serial::decode(&encode(&sensor)))
+        }),
+        ("robotous, serial", &|| {
+            whole(robotous_rft::decode_response(
+                &robotous_rft::encode_response(&record),
+            ))
+        }),
+        ("robotous, CAN", &|| {
+            let halves = robotous_rft::response_frames(ids, &record);
+            halves
+                .iter()
+                .all(|half| robotous_rft::decode_half(ids, half).is_ok())
+        }),
+        ("optoforce_hex", &|| {
+            whole(optoforce_hex::decode(
+                optoforce_hex::encode(&hex).as_slice(),
+            ))
+        }),
+        ("leptrino", &|| {
+            whole(leptrino::decode(leptrino::encode(&escaped).as_slice()))
+        }),
+        ("kunwei_kwr75", &|| {
+            whole(kunwei_kwr75::decode(&kunwei_kwr75::encode(&unchecked)))
+        }),
+        ("ati_netcanoem", &|| {
+            ati_netcanoem::decode(ati_netcanoem::FACTORY_BASE, &even).is_ok()
+        }),
+        ("amt21", &|| amt21::decode_position([0xAB, 0x61]).is_ok()),
+        ("dynamixel2", &|| {
+            whole(dynamixel2::decode(dynamixel2::encode(&status).as_slice()))
+        }),
+        ("encoder_line", &|| {
+            whole(encoder_line::decode(line.as_slice()))
+        }),
+        ("pose_stream", &|| {
+            whole(pose_stream::decode(&pose_stream::encode(&pose)))
+        }),
+        ("hid", &|| {
+            matches!(axes[0].read(&[0x34, 0x12]), Ok(Some(0x1234)))
+        }),
+        ("gs_usb", &|| {
+            let transfer = gs_usb::encode(u32::MAX, 0, &can);
+            gs_usb::HostFrame::decode(&transfer, gs_usb::Stamps::Absent).is_ok()
+        }),
+    ];
+    for (name, codec) in codecs {
+        let before = ALLOCATIONS.with(Cell::get);
+        let good = (0..1_000).all(|_| codec());
+        let after = ALLOCATIONS.with(Cell::get);
+        assert!(good, "{name} does not decode its own frame");
+        assert_eq!(after, before, "{name}");
+    }
+}
+
+fn bota() -> Sample {
+    Sample {
+        status: Status(0),
+        force: [1.0; 3],
+        torque: [0.1; 3],
+        timestamp_us: 1_250,
+        temperature_celsius: 25.0,
+    }
+}
+
+fn whole<T>(parsed: Result<Parsed<T>, DecodeError>) -> bool {
+    matches!(parsed, Ok(Parsed::Complete { .. }))
 }

@@ -25,7 +25,7 @@ Simulated: each cell is 2000 samples of which 100 are hit by the fault, at least
 sample). `kept` means that nothing is lost or changed: every sample came, once
 (a device without a clock cannot tell the order). `blind` means that the device sends nothing by
 which anyone could know (no counter, no clock): only samples that were really sent come out, but the loss or doubling is not counted.
-`bus` means that the bus itself excludes the fault (CAN's own check, order within a poll). `-` means that the device has no such thing.
+`bus` means that the bus itself excludes the fault (CAN's and USB's own checks, order within a poll). `-` means that the device has no such thing.
 In every cell every sample delivered as good is one that the device sent, whole and unchanged, with one exception: `kunwei_kwr75` has no
 check sum, and of its corrupted samples those come through that differ by less than the limits of a step (20 N, 2 N m).
 

@@ -5,6 +5,7 @@
 //! strokes. Fitting everything at once keeps a mechanism that nothing else explains out of I, mu and b; fitting in turn,
 //! as the paper does, does not.
 
+mod attenuation;
 mod design;
 mod joint;
 mod structure;
@@ -198,6 +199,10 @@ fn fit_full(
     let apart = design.disagreement(&motion.near_reversals(), &smoothing, &covariance);
     for (j, variance) in apart.into_iter().enumerate() {
         covariance[(j, j)] += variance;
+    }
+    let lacks = attenuation::taken(motion, &design, &smoothing, &theta)?;
+    if let Some(inertia) = design.names.iter().position(|name| *name == "inertia") {
+        theta[inertia] += lacks;
     }
     let together = if jointly {
         let plain = joint::Plain {

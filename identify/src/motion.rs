@@ -14,6 +14,7 @@ mod cover;
 mod gate;
 mod kernel;
 mod stroke;
+mod turn;
 
 pub use kernel::SparseColumns;
 pub use stroke::strokes;
@@ -104,7 +105,9 @@ pub struct Motion {
     pub dq: Vec<f64>,
     /// Its second derivative.
     pub ddq: Vec<f64>,
-    /// Sign of `dq`, averaged over the half steps around each sample.
+    /// Velocity smoothed less, as far as the position's noise allows: for the moments at which the joint turns.
+    pub turning: Vec<f64>,
+    /// Sign of `turning`, averaged over the half steps around each sample.
     pub sign: Vec<f64>,
     /// Effort through the anti-alias filter only.
     pub tau: Vec<f64>,
@@ -183,17 +186,19 @@ impl Motion {
         })?;
         let dq = by_run(&work.runs, &q, |part| Ok(first_derivative(part, period)))?;
         let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
+        let turning = turn::velocity(&work, [&dq, &ddq], 2.0 * cutoff, period)?;
         let filter = LowPass::butterworth(settings.order, cutoff, work_rate)?;
         let mut motion = Self {
             kind: samples.kind,
             period,
-            sign: by_run(&work.runs, &dq, |part| Ok(mean_sign(part)))?,
+            sign: by_run(&work.runs, &turning, |part| Ok(mean_sign(part)))?,
             stroke: strokes(&work.runs, &q, 0.03 * range),
             runs: work.runs,
             time: work.time,
             q,
             dq,
             ddq,
+            turning,
             tau: work.tau,
             q_measured: work.q,
             noise_of_q: work.noise,
@@ -229,6 +234,7 @@ impl Motion {
         }
         Self {
             q_measured: q.clone(),
+            turning: dq.clone(),
             q,
             dq,
             ddq,
@@ -418,12 +424,7 @@ fn smallest_range(samples: &JointSamples, work: &Work) -> f64 {
             0.01
         };
     }
-    let bends: Vec<f64> = work
-        .q
-        .windows(4)
-        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs() / 20.0_f64.sqrt())
-        .collect();
-    (30.0 * quantile(&bends, 0.5)).max(1e-6)
+    (30.0 * work.white_noise()).max(1e-6)
 }
 
 #[derive(Default)]
@@ -439,6 +440,13 @@ struct Work {
 }
 
 impl Work {
+    /// What the coordinate changes by from one sample to the next at random: half of the samples change by less.
+    fn white_noise(&self) -> f64 {
+        let third = |w: &[f64]| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs() / 20.0_f64.sqrt();
+        let bends: Vec<f64> = self.q.windows(4).map(third).collect();
+        quantile(&bends, 0.5)
+    }
+
     fn append(&mut self, samples: &JointSamples, run: Range<usize>) -> Result<(), FilterError> {
         let factor = self.factor;
         let reduce = |series: &[f64]| -> Result<Vec<f64>, FilterError> {

@@ -130,7 +130,7 @@ pub fn floor(
 
 /// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch
 /// counts as such when the pose across the path jumps there, or when it has many times what is usual.
-fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
+pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
     let slid = jumps(motion);
     let values = motion.regressor_of_all(effort)?;
     let mut stretches: std::collections::BTreeMap<i64, (f64, usize)> =

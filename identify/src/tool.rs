@@ -90,9 +90,9 @@ pub struct ToolSamples {
 
 const MIN_SAMPLES: usize = 50;
 const MIN_PIECE_S: f64 = 3.0;
-/// Longer recordings are brought onto a coarser grid, of means: 17 min at 1 kHz are not, an hour is seen at 250 Hz. What is
+/// Longer recordings are brought onto a coarser grid, of means: 8 min at 1 kHz are not, an hour is seen at 125 Hz. What is
 /// identified lies below 20 Hz; memory stays bounded.
-const MOST_SAMPLES: usize = 1_000_000;
+const MOST_SAMPLES: usize = 500_000;
 /// The time of overlap may be so many times what the samples last.
 const MOST_HOLES: f64 = 100.0;
 

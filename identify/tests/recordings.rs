@@ -67,7 +67,11 @@ fn a_door_is_recovered_from_its_recording() {
         let twin = found.twin.unwrap();
         let evaluator = twin.evaluator();
         let load = |q: f64| evaluator.rest_band(q).iter().sum::<f64>() / 2.0;
-        assert!((load(0.9) - load(0.3) - 1.8).abs() < 0.3);
+        assert!(
+            (load(0.9) - load(0.3) - 1.8).abs() < 0.3,
+            "{seed}: {}",
+            load(0.9) - load(0.3)
+        );
         let floor = found.report.last.noise_floor_rms.unwrap();
         let held_out = found.report.last.held_out_rms.unwrap();
         assert!(

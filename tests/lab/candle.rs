@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use ft_capture::config::Device;
 use ft_drivers::discover;
 use ft_drivers::link::can_port::CanPort;
-use ft_drivers::{LinkError, MonotonicClock};
+use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
 use ft_sim_hw::ServeOptions;
+use ft_wire::CanFrame;
 
 use crate::Case;
 use crate::gadget::Gadget;
-use crate::hear::Played;
+use crate::hear::{Played, hear};
 use crate::machine::{load, run, wait_for};
 
 pub(crate) const CASES: &[Case] = &[
@@ -19,6 +21,13 @@ pub(crate) const CASES: &[Case] = &[
     (
         "candle_two_of_a_kind_are_told_apart",
         candle_two_of_a_kind_are_told_apart,
+    ),
+    ("candle_weighs_for_long", candle_weighs_for_long),
+    ("candle_at_a_wrong_bit_rate", candle_at_a_wrong_bit_rate),
+    ("candle_unplugged_is_gone", candle_unplugged_is_gone),
+    (
+        "candle_under_linuxs_own_driver",
+        candle_under_linuxs_own_driver,
     ),
 ];
 
@@ -89,8 +98,18 @@ impl Plugged {
         self.played.as_ref().unwrap()
     }
 
+    pub(crate) fn sensor(&self) -> Device {
+        self.played().device("ft_sensor").clone()
+    }
+
     fn weighs_the_tool(&self, samples: usize) {
-        self.played().weighs_the_tool(samples).is_nearly_whole();
+        self.weighs_the_tool_by(&self.sensor(), samples);
+    }
+
+    fn weighs_the_tool_by(&self, sensor: &Device, samples: usize) {
+        self.played()
+            .weighs_the_tool_by(sensor, samples)
+            .is_nearly_whole();
     }
 }
 
@@ -126,4 +145,64 @@ fn candle_two_of_a_kind_are_told_apart() {
     pair[0].plug_in();
     pair[0].weighs_the_tool(50);
     pair[1].weighs_the_tool(50);
+}
+
+fn candle_weighs_for_long() {
+    let plugged = Plugged::new(0, "LABCANDLE");
+    plugged.weighs_the_tool(1000);
+    // Closed and opened again.
+    plugged.weighs_the_tool(50);
+}
+
+/// Nobody understands what is sent at another rate: the adapter goes off the bus, and opening it at the right one ends that.
+fn candle_at_a_wrong_bit_rate() {
+    let plugged = Plugged::new(0, "LABCANDLE");
+    let mut sensor = plugged.sensor();
+    sensor.port = "gs_usb:LABCANDLE@500000".to_owned();
+    let ended = hear(&sensor, 1);
+    assert!(matches!(ended, Err(LinkError::BusOff { .. })), "{ended:?}");
+    plugged.weighs_the_tool(50);
+}
+
+fn candle_unplugged_is_gone() {
+    let plugged = Plugged::new(0, "LABCANDLE");
+    let clock = MonotonicClock::anchored_now();
+    let mut link = open("gs_usb:LABCANDLE").unwrap();
+    let quiet = link.recv(clock.now() + Duration::from_millis(50));
+    assert!(matches!(quiet, Ok(None)), "{quiet:?}");
+    plugged.gadget.unplug();
+    let ended = link.recv(clock.now() + LONGEST);
+    assert!(matches!(ended, Err(LinkError::Gone { .. })), "{ended:?}");
+    let stop = CanFrame::standard(0x64, &[0x0C; 8]).unwrap();
+    let unsent = link.send(&stop);
+    assert!(matches!(unsent, Err(LinkError::Gone { .. })), "{unsent:?}");
+    drop(link);
+    plugged.plug_in();
+    plugged.weighs_the_tool(50);
+}
+
+/// Linux's driver knows the adapter by the maker's protocol alone: it brings the simulated one up. While it is up it is not ours;
+/// when it is down we take it from the kernel, and give it back.
+fn candle_under_linuxs_own_driver() {
+    load("gs_usb");
+    let plugged = Plugged::new(0, "LABCANDLE");
+    let interface = || {
+        let adapter = discover::can_adapters().into_iter().next()?;
+        Some(adapter.interface?.name)
+    };
+    wait_for("the kernel's interface", LONGEST, || interface().is_some());
+    let name = interface().unwrap();
+    run(&format!("ip link set {name} up type can bitrate 1000000"));
+    let taken = open("gs_usb:LABCANDLE");
+    assert!(matches!(taken, Err(LinkError::Busy { .. })), "{taken:?}");
+    let mut sensor = plugged.sensor();
+    sensor.port = name.clone();
+    plugged.weighs_the_tool_by(&sensor, 200);
+    run(&format!("ip link set {name} down"));
+    plugged.weighs_the_tool(50);
+    wait_for("the kernel's interface again", LONGEST, || {
+        interface().is_some()
+    });
+    drop(plugged);
+    run("rmmod gs_usb");
 }

@@ -1,6 +1,6 @@
 # Runs in the lab's guest after init.sh: mounts what drivers need, runs every case, powers off.
 . /run/lab.env
-export FT_LAB_ROOT FT_LAB_KERNEL FT_LAB_BIN FT_LAB_ONLY
+export FT_LAB_ROOT FT_LAB_KERNEL FT_LAB_BIN FT_LAB_ONLY FT_LAB_PYTHON
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/run TMPDIR=/run RUST_BACKTRACE=0
 mkdir -p /dev/pts
 mount -t devpts devpts /dev/pts

@@ -83,7 +83,8 @@ impl Played {
         self.weighs_the_tool_by(&device, samples)
     }
 
-    fn weighs_the_tool_by(&self, sensor: &Device, samples: usize) -> Heard {
+    /// The same with the sensor configured so.
+    pub(crate) fn weighs_the_tool_by(&self, sensor: &Device, samples: usize) -> Heard {
         let heard = hear(sensor, samples).unwrap();
         self.is_the_tools_weight(heard.wrenches().map(|reading| reading.wrench.to_array()));
         heard

@@ -1,4 +1,4 @@
-"""Reads a simulated sensor on a CAN interface with the system's Python alone, from its maker's table and nothing of this project.
+"""Reads a simulated sensor on a CAN interface by python-can, from its maker's table and with nothing of this project.
 
     read_can.py DRIVER INTERFACE SAMPLES
 
@@ -6,42 +6,35 @@ Prints {"samples": [[Fx, Fy, Fz, Mx, My, Mz], ...], "bad": samples that did not 
 """
 
 import json
-import socket
 import struct
 import sys
 import time
 
+import can
+
 driver, interface, wanted = sys.argv[1], sys.argv[2], int(sys.argv[3])
-bus = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-bus.bind((interface,))
-bus.settimeout(0.5)
+bus = can.Bus(interface="socketcan", channel=interface)
 samples, bad = [], 0
 
 
 def send(number, data):
-    # linux/can.h: u32 id, u8 length, three of padding, eight of data.
-    bus.send(struct.pack("<IB3x8s", number, len(data), bytes(data)))
+    bus.send(can.Message(arbitration_id=number, data=data, is_extended_id=False))
 
 
-def receive():
+def receive(patience=0.5):
     """Id and data of the next frame; None when the bus is quiet."""
-    try:
-        number, length, data = struct.unpack("<IB3x8s", bus.recv(16))
-    except TimeoutError:
-        return None
-    return number, data[:length]
+    message = bus.recv(patience)
+    return message and (message.arbitration_id, bytes(message.data))
 
 
 def until_quiet():
-    bus.settimeout(0.1)
-    while receive():
+    while receive(0.1):
         pass
-    bus.settimeout(0.5)
 
 
 def answer(number):
     """The next frame with this id."""
-    end = time.monotonic() + 5
+    end = time.monotonic() + 20
     while time.monotonic() < end:
         frame = receive()
         if frame and frame[0] == number:
@@ -126,4 +119,5 @@ def answer_of(number, length):
 
 
 {"robotous_can": robotous_can, "optoforce_can": optoforce_can, "ati_netcanoem": ati_netcanoem}[driver]()
+bus.shutdown()
 print(json.dumps({"samples": samples, "bad": bad}))

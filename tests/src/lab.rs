@@ -263,12 +263,14 @@ fn modules(kernel: &Kernel, module: &str) -> Result<Vec<PathBuf>, String> {
 /// What the guest's scripts must know, for a shell.
 fn environment(kernel: &Kernel) -> String {
     let only = std::env::var("FT_LAB_ONLY").unwrap_or_default();
+    let python = peers::can("lab").unwrap_or_else(|| Path::new(""));
     let quoted = |name: &str, value: &str| format!("{name}='{}'\n", value.replace('\'', "'\\''"));
     [
         ("FT_LAB_ROOT", workspace_root().to_string_lossy()),
         ("FT_LAB_KERNEL", kernel.root.to_string_lossy()),
         ("FT_LAB_BIN", programs::folder().to_string_lossy()),
         ("FT_LAB_ONLY", only.as_str().into()),
+        ("FT_LAB_PYTHON", python.to_string_lossy()),
     ]
     .map(|(name, value)| quoted(name, &value))
     .concat()

@@ -8,6 +8,7 @@ pub mod mechanisms;
 pub mod peers;
 pub mod programs;
 pub mod sealed;
+pub mod soak;
 pub mod stamps;
 pub mod study;
 pub mod swing;

@@ -28,6 +28,16 @@ pub fn newton(test: &str) -> Option<&'static Path> {
     of_environment(test, &PYTHON, "newton", "newton.txt")
 }
 
+/// The Python of a small environment with python-can, for the lab's guest.
+///
+/// # Panics
+/// As [`python`].
+#[must_use]
+pub fn can(test: &str) -> Option<&'static Path> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    of_environment(test, &PYTHON, "python-can", "can.txt")
+}
+
 fn of_environment(
     test: &str,
     python: &'static OnceLock<Result<PathBuf, String>>,

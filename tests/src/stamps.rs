@@ -170,6 +170,7 @@ fn sure(tool: &ToolSpec) -> Calibration {
             std: [1e-8; 6],
         },
         wrench_bias: None,
+        covariance: None,
     }
 }
 

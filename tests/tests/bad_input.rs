@@ -207,6 +207,81 @@ fn a_foreign_file_is_named() {
 }
 
 #[test]
+fn what_is_read_is_never_written_over_and_what_is_wrong_is_said() {
+    let folder = tempdir().unwrap();
+    let arguments = [
+        "--sim",
+        "--speed",
+        "max",
+        "--duration",
+        "10s",
+        "-o",
+        "a.mcap",
+    ];
+    capture(folder.path(), &arguments).expect_code(0);
+    std::fs::create_dir(folder.path().join("dir")).unwrap();
+    let bytes = || std::fs::read(folder.path().join("a.mcap")).unwrap();
+    let before = bytes();
+    let refused = |arguments: &[&str], wanted: &[&str]| {
+        capture(folder.path(), arguments)
+            .expect_code(1)
+            .complains(wanted);
+        assert!(bytes() == before, "{arguments:?} changed its source");
+    };
+    let is_source = ["a.mcap is the recording that is read"];
+    refused(&["replay", "a.mcap", "-o", "a.mcap", "--force"], &is_source);
+    refused(
+        &["replay", "./a.mcap", "-o", "dir/../a.mcap", "--force"],
+        &["is the recording that is read"],
+    );
+    refused(
+        &["recover", "a.mcap", "-o", "a.mcap", "--force"],
+        &is_source,
+    );
+    refused(
+        &["calibrate", "a.mcap", "-o", "a.mcap", "--force"],
+        &is_source,
+    );
+    refused(
+        &[
+            "import-aria",
+            "a.mcap",
+            "--mps",
+            "dir",
+            "-o",
+            "a.mcap",
+            "--force",
+        ],
+        &is_source,
+    );
+    refused(
+        &["calibrate", "a.mcap", "-o", "dir", "--force"],
+        &["dir is a folder"],
+    );
+    refused(
+        &["calibrate", "a.mcap", "--free-air", "90..95"],
+        &["--free-air says 90.0 to 95.0 s", "the wrench lasts"],
+    );
+    refused(
+        &["import-aria", "a.mcap", "--mps", "nope", "-o", "b.mcap"],
+        &["cannot find nope: No such file"],
+    );
+    refused(
+        &[
+            "import-aria",
+            "a.mcap",
+            "--mps",
+            "dir",
+            "--frames",
+            "nope.toml",
+            "-o",
+            "b.mcap",
+        ],
+        &["--frames nope.toml: No such file"],
+    );
+}
+
+#[test]
 fn a_truncated_recording_is_read_to_its_end_and_recovered() {
     let folder = tempdir().unwrap();
     capture(

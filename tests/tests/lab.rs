@@ -57,6 +57,10 @@ cases! {
     service_comes_back_after_bus_off_and_a_downed_bus
     candle_is_ours_alone
     candle_two_of_a_kind_are_told_apart
+    candle_weighs_for_long
+    candle_at_a_wrong_bit_rate
+    candle_unplugged_is_gone
+    candle_under_linuxs_own_driver
     network_that_delays_loses_and_reorders_costs_no_sample
 }
 

@@ -302,6 +302,20 @@ fn a_sensor_without_clock_or_counter_is_stamped_by_the_number_of_its_samples() {
     );
 }
 
+/// Angular rate around `at`, rad/s in device axes, from what the poses turn by in 20 ms; none where there are no poses.
+fn rate(poses: &[Stamped<Pose7>], at: HostTime) -> [f64; 3] {
+    let near = |seconds: f64| {
+        let at = at.offset_by_seconds(seconds);
+        poses.get(poses.partition_point(|pose| pose.at < at))
+    };
+    let (Some(a), Some(b)) = (near(-0.01), near(0.01)) else {
+        return [0.0; 3];
+    };
+    let time = b.at.seconds_since(a.at);
+    let turned = a.value.inverse().then(&b.value).quaternion;
+    core::array::from_fn(|k| 2.0 * turned[k] * turned[3].signum() / time.max(1e-3))
+}
+
 /// The raw form of the Hoi! dataset: a ROS 1 bag, written by other people's library, and MPS results of another clock.
 #[test]
 fn a_ros_1_bag_and_glasses_of_another_clock_become_a_recording_in_three_commands() {
@@ -314,8 +328,10 @@ fn a_ros_1_bag_and_glasses_of_another_clock_become_a_recording_in_three_commands
     write_mps(&original.pose.samples, start, &path(mps));
     let mut wrench = String::new();
     for sample in &original.wrench {
-        let values = sample.value.map(|value| value.to_string()).join(" ");
-        writeln!(wrench, "{} {values}", sample.at.as_nanos()).unwrap();
+        let rate = rate(&original.pose.samples, sample.at);
+        let values = sample.value.iter().chain(&rate);
+        let values: Vec<_> = values.map(f64::to_string).collect();
+        writeln!(wrench, "{} {}", sample.at.as_nanos(), values.join(" ")).unwrap();
     }
     std::fs::write(path("wrench.txt"), wrench).unwrap();
     for (bag, packed) in [("kitchen_1-3.bag", "none"), ("packed.bag", "bz2")] {
@@ -379,7 +395,9 @@ fn a_ros_1_bag_and_glasses_of_another_clock_become_a_recording_in_three_commands
         "-o",
         "a.mcap",
     ];
-    run(&import).expect_code(0);
+    // The bag has the sensor's gyroscope: it says that the alignment by the tool's own weight is right.
+    let said = run(&import).expect_code(0);
+    assert!(said.stdout.contains("the gyroscope agrees to"), "{said:?}");
     run(&[
         "calibrate",
         "a.mcap",
@@ -389,6 +407,15 @@ fn a_ros_1_bag_and_glasses_of_another_clock_become_a_recording_in_three_commands
         "kitchen.mcap",
     ])
     .expect_code(0);
+
+    let checked = run(&["check", "kitchen.mcap", "--json"])
+        .expect_code(0)
+        .json();
+    let off_ms = checked["gyroscope"]["compared"]["offset_ms"]
+        .as_f64()
+        .unwrap();
+    assert!(off_ms.abs() < 2.0, "{checked}");
+    println!("simulated: the gyroscope's poses are {off_ms:+.2} ms off");
 
     let imported = load(&path("kitchen.mcap"));
     assert_eq!(imported.wrench, original.wrench);

@@ -19,6 +19,9 @@ pub struct Estimate<T> {
     pub std: T,
 }
 
+/// Parameters of a [`Calibration`]: mass, centre of mass x y z, inertia xx xy yy xz yz zz, bias of force x y z and of torque x y z.
+pub const PARAMETERS: usize = 16;
+
 /// The part of the gripper in front of the sensor, and the sensor's bias, in the axes of `ft_sensor`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -32,6 +35,9 @@ pub struct Calibration {
     /// What the sensor reads when nothing acts on it: N, N m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wrench_bias: Option<Estimate<[f64; 6]>>,
+    /// Covariance of all [`PARAMETERS`] in their order and units, (16, 16); its diagonal is the squares of the standard deviations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Box<[[f64; PARAMETERS]; PARAMETERS]>>,
 }
 
 impl Calibration {
@@ -85,10 +91,75 @@ impl Calibration {
         if let Some(moment) = [xx, yy, zz].into_iter().find(|moment| *moment < 0.0) {
             return impossible("payload_inertia_kgm2", moment, "at least 0 on the diagonal");
         }
-        let bias = self.wrench_bias;
-        bias.map_or(Ok(()), |bias| {
-            check_estimate("wrench_bias", &bias.value, &bias.std)
-        })
+        if let Some(bias) = self.wrench_bias {
+            check_estimate("wrench_bias", &bias.value, &bias.std)?;
+        }
+        self.covariance
+            .as_ref()
+            .map_or(Ok(()), |covariance| self.check_covariance(covariance))
+    }
+
+    /// Standard deviations of all parameters; `None` without a bias.
+    fn std(&self) -> Option<[f64; PARAMETERS]> {
+        let all = [self.payload_mass_kg.std]
+            .into_iter()
+            .chain(self.payload_com_m.std)
+            .chain(self.payload_inertia_kgm2.std)
+            .chain(self.wrench_bias?.std);
+        let mut std = [0.0; PARAMETERS];
+        for (place, value) in std.iter_mut().zip(all) {
+            *place = value;
+        }
+        Some(std)
+    }
+
+    fn check_covariance(
+        &self,
+        covariance: &[[f64; PARAMETERS]; PARAMETERS],
+    ) -> Result<(), CalibrationError> {
+        const NAME: &str = "covariance";
+        const ROUNDING: f64 = 1e-6;
+        if !covariance
+            .as_flattened()
+            .iter()
+            .all(|number| number.is_finite())
+        {
+            return Err(CalibrationError::NotFinite { name: NAME });
+        }
+        let Some(std) = self.std() else {
+            return impossible(NAME, PARAMETERS as f64, "left out without a wrench_bias");
+        };
+        let transposed =
+            (0..PARAMETERS).map(|k| covariance.iter().filter_map(move |row| row.get(k)));
+        for ((row, column), a) in covariance.iter().zip(transposed).zip(std) {
+            for ((value, mirrored), b) in row.iter().zip(column).zip(std) {
+                if (value - mirrored).abs() > ROUNDING * a * b {
+                    return impossible(NAME, *value, "symmetric");
+                }
+                if value.abs() > (1.0 + ROUNDING) * a * b {
+                    return impossible(
+                        NAME,
+                        *value,
+                        "at most the product of the two standard deviations",
+                    );
+                }
+            }
+        }
+        let diagonal = covariance
+            .iter()
+            .enumerate()
+            .filter_map(|(k, row)| row.get(k));
+        match diagonal
+            .zip(std)
+            .find(|(value, std)| (**value - std * std).abs() > ROUNDING * std * std)
+        {
+            Some((value, _)) => impossible(
+                NAME,
+                *value,
+                "the square of the standard deviation on the diagonal",
+            ),
+            None => Ok(()),
+        }
     }
 }
 
@@ -125,7 +196,58 @@ mod tests {
                 std: [1e-4; 6],
             },
             wrench_bias: None,
+            covariance: None,
         }
+    }
+
+    /// A covariance whose every two parameters are correlated by 0.5.
+    fn with_covariance() -> Calibration {
+        let mut calibration = Calibration {
+            wrench_bias: Some(Estimate {
+                value: [0.5; 6],
+                std: [0.01; 6],
+            }),
+            ..paper()
+        };
+        let std = calibration.std().unwrap();
+        let row =
+            |i: usize| core::array::from_fn(|j| std[i] * std[j] * if i == j { 1.0 } else { 0.5 });
+        calibration.covariance = Some(Box::new(core::array::from_fn(row)));
+        calibration
+    }
+
+    #[test]
+    fn a_covariance_comes_back_as_it_was_or_is_refused() {
+        let calibration = with_covariance();
+        let text = calibration.to_json().unwrap();
+        let mut read = Calibration::from_json(&text).unwrap();
+        let matrices = [&read, &calibration].map(|c| c.covariance.clone().unwrap());
+        let [read_back, written] = matrices.each_ref().map(|m| m.as_flattened());
+        for (a, b) in read_back.iter().zip(written) {
+            // The reader rounds its last digit otherwise than the writer.
+            assert!((a - b).abs() < 1e-15 * b.abs() + 1e-300, "{a} {b}");
+        }
+        read.covariance.clone_from(&calibration.covariance);
+        assert_eq!(read, calibration);
+        let refusal = |change: &dyn Fn(&mut Calibration)| {
+            let mut changed = calibration.clone();
+            change(&mut changed);
+            changed.to_json().unwrap_err().to_string()
+        };
+        let with = |i: usize, j: usize, factor: f64| {
+            move |calibration: &mut Calibration| {
+                calibration.covariance.as_mut().unwrap()[i][j] *= factor;
+            }
+        };
+        assert!(refusal(&with(2, 5, 1.1)).contains("symmetric"));
+        assert!(refusal(&with(3, 3, 0.9)).contains("on the diagonal"));
+        assert!(refusal(&with(0, 0, f64::NAN)).contains("covariance"));
+        assert!(refusal(&|calibration| calibration.wrench_bias = None).contains("wrench_bias"));
+        let text = refusal(&|calibration| {
+            with(2, 5, 3.0)(calibration);
+            with(5, 2, 3.0)(calibration);
+        });
+        assert!(text.contains("at most the product"), "{text}");
     }
 
     #[test]
@@ -163,7 +285,7 @@ mod tests {
         assert!(message.contains("unknown field `mass`"), "{message}");
         assert!(
             message.contains(
-                "`payload_mass_kg`, `payload_com_m`, `payload_inertia_kgm2`, `wrench_bias`"
+                "`payload_mass_kg`, `payload_com_m`, `payload_inertia_kgm2`, `wrench_bias`, `covariance`"
             )
         );
     }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
 use crate::error::TopicList;
-use crate::message::{JointState, Message, PoseStamped, Temperature, WrenchStamped};
+use crate::message::{Imu, JointState, Message, PoseStamped, Temperature, WrenchStamped};
 use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
 use crate::recording::TopicMap;
 use crate::recover::loss_before_recovery;
@@ -27,12 +27,13 @@ use stream::Stream;
 pub use stream::TopicReport;
 
 /// Topics that are sampled at a rate, so that a hole in them is a loss.
-const SAMPLED: [&str; 5] = [
+const SAMPLED: [&str; 6] = [
     topic::WRENCH,
     topic::TCP_POSE,
     topic::ARIA_POSE,
     topic::GRIPPER,
     topic::TEMPERATURE,
+    topic::IMU,
 ];
 
 /// A recording's state.
@@ -293,6 +294,7 @@ fn header_stamp(kind: &str, data: &[u8]) -> Option<Result<HostTime, crate::CdrEr
         PoseStamped::TYPE_NAME => PoseStamped::decode(data).map(|message| message.header.stamp),
         JointState::TYPE_NAME => JointState::decode(data).map(|message| message.header.stamp),
         Temperature::TYPE_NAME => Temperature::decode(data).map(|message| message.header.stamp),
+        Imu::TYPE_NAME => Imu::decode(data).map(|message| message.header.stamp),
         _ => return None,
     };
     Some(stamp.map(HostTime::from))

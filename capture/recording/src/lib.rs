@@ -46,6 +46,8 @@ pub mod topic {
     pub const WRENCH: &str = "/ft/wrench";
     /// `sensor_msgs/msg/Temperature` of the force-torque sensor.
     pub const TEMPERATURE: &str = "/ft/temperature";
+    /// `sensor_msgs/msg/Imu` of a gyroscope on the gripper, by the wrench's clock; its axes may be any.
+    pub const IMU: &str = "/ft/imu";
     /// `sensor_msgs/msg/JointState`, joint `gripper_width`.
     pub const GRIPPER: &str = "/gripper/joint_states";
     /// `geometry_msgs/msg/PoseStamped`, `world_from_aria_device`.

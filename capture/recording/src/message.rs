@@ -54,6 +54,21 @@ impl Field for String {
     }
 }
 
+impl<const N: usize> Field for [f64; N] {
+    fn write(&self, encoder: &mut Encoder<'_>) {
+        for element in self {
+            encoder.f64(*element);
+        }
+    }
+    fn read(decoder: &mut Decoder<'_>) -> Result<Self, CdrError> {
+        let mut elements = [0.0; N];
+        for element in &mut elements {
+            *element = decoder.f64()?;
+        }
+        Ok(elements)
+    }
+}
+
 impl<T: Field> Field for Vec<T> {
     fn write(&self, encoder: &mut Encoder<'_>) {
         encoder.count(self.len());
@@ -185,6 +200,26 @@ structs! {
         temperature: f64,
         /// (degrees Celsius)^2; 0 when unknown.
         variance: f64,
+    }
+
+    /// `sensor_msgs/msg/Imu`. A covariance is row by row about x, y, z, all zeros when unknown; one that begins with -1 says that its
+    /// quantity is not measured.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    Imu {
+        /// Sample time and frame.
+        header: Header,
+        /// Unit quaternion.
+        orientation: Quaternion,
+        /// rad^2.
+        orientation_covariance: [f64; 9],
+        /// rad/s, in the header's frame.
+        angular_velocity: Vector3,
+        /// (rad/s)^2.
+        angular_velocity_covariance: [f64; 9],
+        /// m/s^2, in the header's frame; a still one reads +9.8 upwards.
+        linear_acceleration: Vector3,
+        /// (m/s^2)^2.
+        linear_acceleration_covariance: [f64; 9],
     }
 
     /// `sensor_msgs/msg/JointState`. An array is empty or as long as `name`.
@@ -385,6 +420,7 @@ structs! {
 messages! {
     WrenchStamped, "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED, WRENCH_STAMPED_HASH;
     Temperature, "sensor_msgs/msg/Temperature", TEMPERATURE, TEMPERATURE_HASH;
+    Imu, "sensor_msgs/msg/Imu", IMU, IMU_HASH;
     JointState, "sensor_msgs/msg/JointState", JOINT_STATE, JOINT_STATE_HASH;
     PoseStamped, "geometry_msgs/msg/PoseStamped", POSE_STAMPED, POSE_STAMPED_HASH;
     TransformStamped, "geometry_msgs/msg/TransformStamped", TRANSFORM_STAMPED, TRANSFORM_STAMPED_HASH;
@@ -392,6 +428,28 @@ messages! {
     Text, "std_msgs/msg/String", STRING, STRING_HASH;
     DiagnosticArray, "diagnostic_msgs/msg/DiagnosticArray", DIAGNOSTIC_ARRAY, DIAGNOSTIC_ARRAY_HASH;
     Marker, "visualization_msgs/msg/Marker", MARKER, MARKER_HASH;
+}
+
+impl Imu {
+    /// A gyroscope alone, rad/s in the axes of the header's frame.
+    #[must_use]
+    pub fn of_rate(header: Header, rate: [f64; 3]) -> Self {
+        let mut not_measured = [0.0; 9];
+        not_measured[0] = -1.0;
+        Self {
+            header,
+            orientation_covariance: not_measured,
+            angular_velocity: rate.into(),
+            linear_acceleration_covariance: not_measured,
+            ..Self::default()
+        }
+    }
+
+    /// rad/s in the axes of the header's frame; `None` when it says that it does not measure them.
+    #[must_use]
+    pub fn rate(&self) -> Option<[f64; 3]> {
+        (self.angular_velocity_covariance[0] >= 0.0).then(|| self.angular_velocity.into())
+    }
 }
 
 impl DiagnosticStatus {

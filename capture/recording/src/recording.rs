@@ -68,6 +68,8 @@ pub struct Recording {
     pub gripper_width: Vec<Stamped<f64>>,
     /// Of the force-torque sensor, degrees Celsius.
     pub temperature: Vec<Stamped<f64>>,
+    /// Of a gyroscope on the gripper, by the wrench's clock: rad/s in axes of its own.
+    pub angular_rate: Vec<Stamped<[f64; 3]>>,
     /// From `/tf_static`; identity when that does not say.
     pub aria_device_from_tcp: Pose7,
     /// From `/tf_static`; identity when that does not say.

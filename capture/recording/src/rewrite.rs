@@ -12,7 +12,7 @@ mod frames;
 use frames::{Changes, Wanted};
 
 pub use crate::error::ReadError;
-use crate::message::{JointState, Message, PoseStamped, Temperature, Time, WrenchStamped};
+use crate::message::{Imu, JointState, Message, PoseStamped, Temperature, Time, WrenchStamped};
 use crate::qos::Qos;
 use crate::reader::{RawMessage, Record, RecordReader, Schema};
 use crate::recording::{Pose7, TopicMap};
@@ -286,6 +286,7 @@ fn is_stamped(kind: &str) -> bool {
         PoseStamped::TYPE_NAME,
         JointState::TYPE_NAME,
         Temperature::TYPE_NAME,
+        Imu::TYPE_NAME,
     ]
     .contains(&kind)
 }

@@ -103,6 +103,19 @@ pub const TEMPERATURE: &str = concat!(
 pub const TEMPERATURE_HASH: &str =
     "RIHS01_72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8";
 
+/// `sensor_msgs/msg/Imu`.
+pub const IMU: &str = concat!(
+    "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n",
+    "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n",
+    "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance\n",
+    header!(),
+    quaternion!(),
+    vector3!(),
+);
+/// RIHS01 hash of [`IMU`].
+pub const IMU_HASH: &str =
+    "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b";
+
 /// `sensor_msgs/msg/JointState`.
 pub const JOINT_STATE: &str = concat!(
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
@@ -196,8 +209,8 @@ mod tests {
     use sha2::{Digest, Sha256};
 
     use crate::message::{
-        DiagnosticArray, JointState, Marker, Message, PoseStamped, TFMessage, Temperature, Text,
-        TransformStamped, WrenchStamped,
+        DiagnosticArray, Imu, JointState, Marker, Message, PoseStamped, TFMessage, Temperature,
+        Text, TransformStamped, WrenchStamped,
     };
 
     /// (name, type) of every field of every type in a definition, by full type name.
@@ -230,9 +243,11 @@ mod tests {
     }
 
     fn field_json(name: &str, kind: &str) -> String {
-        let (element, array) = match kind.strip_suffix("[]") {
-            Some(element) => (element, 144),
-            None => (kind, 0),
+        // Arrays of a fixed length are 48 further than their elements, those of any length 144.
+        let (element, array, capacity) = match kind.split_once('[') {
+            Some((element, "]")) => (element, 144, "0"),
+            Some((element, length)) => (element, 48, length.trim_end_matches(']')),
+            None => (kind, 0, "0"),
         };
         let (id, nested) = match element {
             "uint8" => (3, String::new()),
@@ -246,7 +261,7 @@ mod tests {
             nested => (1, full_name(nested)),
         };
         format!(
-            "{{\"name\": \"{name}\", \"type\": {{\"type_id\": {}, \"capacity\": 0, \"string_capacity\": 0, \
+            "{{\"name\": \"{name}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \"string_capacity\": 0, \
              \"nested_type_name\": \"{nested}\"}}}}",
             id + array
         )
@@ -294,6 +309,7 @@ mod tests {
         check::<Text>();
         check::<WrenchStamped>();
         check::<Temperature>();
+        check::<Imu>();
         check::<JointState>();
         check::<PoseStamped>();
         check::<TransformStamped>();
@@ -310,6 +326,7 @@ mod tests {
             (Marker::TYPE_NAME, Marker::DEFINITION),
             (PoseStamped::TYPE_NAME, PoseStamped::DEFINITION),
             (WrenchStamped::TYPE_NAME, WrenchStamped::DEFINITION),
+            (Imu::TYPE_NAME, Imu::DEFINITION),
         ] {
             let types = parse(top, definition);
             for (_, kind) in types

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use ft_recording::message::{
-    Header, JointState, Message, PoseStamped, TFMessage, Text, WrenchStamped,
+    Header, Imu, JointState, Message, PoseStamped, TFMessage, Text, WrenchStamped,
 };
 use ft_recording::qos::Qos;
 use ft_recording::recording::{Recording, TopicMap, TrackedFrame};
@@ -480,4 +480,35 @@ fn an_unused_topic_of_any_kind_does_no_harm() {
         ),
         (0, 1)
     );
+}
+
+#[test]
+fn angular_rates_are_read_by_a_map_where_they_are_measured() {
+    let imu = |milliseconds: i64, rate: f64| {
+        Imu::of_rate(Header::new(at(milliseconds), "imu"), [rate, 0.0, -1.0])
+    };
+    let mut silent = imu(5, 1.0);
+    silent.angular_velocity_covariance[0] = -1.0;
+    let mut draft = Draft::new();
+    draft
+        .least()
+        .write("/imu/data", &imu(20, 2.0))
+        .write("/imu/data", &imu(10, 1.0))
+        .write("/imu/data", &imu(30, f64::NAN))
+        .write("/imu/data", &silent);
+    let recording = draft.load(&["/imu/data=/ft/imu"]).unwrap();
+    let rates: Vec<_> = recording
+        .angular_rate
+        .iter()
+        .map(|sample| (sample.at, sample.value))
+        .collect();
+    assert_eq!(
+        rates,
+        [(at(10), [1.0, 0.0, -1.0]), (at(20), [2.0, 0.0, -1.0])]
+    );
+    assert_eq!(recording.health.topics["/imu/data"].non_finite, 2);
+
+    let mut draft = Draft::new();
+    draft.least().write("/imu/data", &imu(20, 2.0));
+    assert!(draft.load(&[]).unwrap().angular_rate.is_empty());
 }

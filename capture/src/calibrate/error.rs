@@ -25,6 +25,19 @@ pub enum CalibrateError {
         /// Needed, s.
         needed_s: f64,
     },
+    /// The free air that was named is not in the recording.
+    #[error(
+        "no free air of 1 s or more: {named}, and the wrench lasts from {from_s:.1} to {until_s:.1} s; name its part with --free-air 3..20, \
+         or by the marks free_air_begin and grasp"
+    )]
+    NoFreeAir {
+        /// Where it was looked for.
+        named: String,
+        /// First instant that can be used, s after the first wrench.
+        from_s: f64,
+        /// Last one, s.
+        until_s: f64,
+    },
     /// The wrench does not follow the motion at any shift.
     #[error(
         "the tool's motion explains {:.0} % of the wrench at best (need 90 %): the tool touched something, the motion was too small, or pose and wrench \

@@ -39,7 +39,10 @@ impl Calibrated {
             "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}",
             name.to_string_lossy(),
             recording.sha256,
-            text
+            text.replace(
+                "covariance = ",
+                "# Of mass, centre x y z, inertia xx xy yy xz yz zz, bias of force x y z and torque x y z, in their units:\ncovariance = "
+            )
         ))
     }
 }
@@ -116,6 +119,9 @@ impl fmt::Display for Calibrated {
             (Some(alignment), _) => writeln!(f, "{alignment}")?,
             (None, Some(reason)) => writeln!(f, "pose offset   not seen: {reason}")?,
             (None, None) => {}
+        }
+        if let Some(gyroscope) = &self.gyroscope {
+            writeln!(f, "{gyroscope}")?;
         }
         write!(
             f,

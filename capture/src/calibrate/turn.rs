@@ -5,7 +5,6 @@
 //! the tool, the bias and the delay, until nothing moves. Where the sensor sits on the tool must be known.
 
 use ft_recording::{Pose7, Recording};
-use ft_wire::HostTime;
 use nalgebra::{
     Matrix3, Matrix4, Matrix4x3, Quaternion, Rotation3, UnitQuaternion, Vector3, Vector4,
 };
@@ -45,10 +44,7 @@ pub(super) fn find(
     recording: &Recording,
     options: &CalibrateOptions,
 ) -> Result<(SensorRotation, Recording), CalibrateError> {
-    let start = recording
-        .wrench
-        .first()
-        .map_or(HostTime::EPOCH, |first| first.at);
+    let start = super::start_of(recording);
     let mut turned = with_rotation(recording, UnitQuaternion::identity());
     let problem = Problem::of(&turned, options)?;
     let (offset_s, mut rotation) = coarse(&problem, options.search_s)?;

@@ -4,29 +4,28 @@
 //! belongs; the tool's own wrench in free air then says so to below a millisecond (see [`crate::calibrate`]).
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use ft_recording::message::{Header, PoseStamped};
-use ft_recording::qos::Qos;
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{
-    KnownFrames, MessageStamps, Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame,
-    metadata, topic,
+    KnownFrames, Pose7, PoseTrack, Recording, Stamped, TopicMap, TrackedFrame, metadata, topic,
 };
 use ft_wire::HostTime;
-use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp, World};
-use serde::Serialize;
+use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp};
 
 mod folder;
+mod report;
 
 use folder::MpsFolder;
+pub use report::AriaReport;
 
 use super::clock_map::ClockMap;
-use super::mps::{SourceFile, Trajectory, TrajectoryCounts, TrajectoryKind};
+use super::mps::{MpsPose, Trajectory};
+use super::topics::{add_poses, import_entries};
 use super::{ImportError, plausible};
-use crate::calibrate::{Alignment, CalibrateOptions, align_recording};
+use crate::calibrate::{CalibrateOptions, align_recording};
 use crate::config::{Frames, StaticPose};
+use crate::gyro::{self, Gyroscope};
 
 /// How to import.
 #[derive(Clone, Debug)]
@@ -62,37 +61,6 @@ impl Default for AriaOptions {
             overwrite: false,
         }
     }
-}
-
-/// What was imported.
-#[derive(Clone, Debug, Serialize)]
-pub struct AriaReport {
-    /// The new recording.
-    pub path: PathBuf,
-    /// What it was made from.
-    pub sources: Vec<SourceFile>,
-    /// Which trajectory.
-    pub kind: TrajectoryKind,
-    /// Poses written.
-    pub poses: u64,
-    /// What its file has and what was left out.
-    pub counts: TrajectoryCounts,
-    /// Root mean square of utc about the line that was put through it, ms; none without utc.
-    pub utc_rms_ms: Option<f64>,
-    /// The first pose after the first wrench by utc or by `starts_at_s`, s.
-    pub begins_s: f64,
-    /// What the tool's own wrench adds to that; none when it was not asked.
-    pub alignment: Option<Alignment>,
-    /// Poses that the source recording had, by topic: they are not in the new one.
-    pub replaced: BTreeMap<String, u64>,
-    /// What looks like other units.
-    pub doubts: Vec<String>,
-    /// Whether `/tcp/pose` was written: it needs to know where the tool is on the glasses.
-    pub has_tcp: bool,
-    /// Time offsets of the glasses' inertial sensors (online calibration), ms: least and largest by sensor.
-    pub imu_offsets_ms: BTreeMap<String, [f64; 2]>,
-    /// What of the online calibration could not be read; it is only reported, so that this stops nothing.
-    pub not_read: Option<String>,
 }
 
 /// Writes `out`: the recording `source` with the poses of the trajectory in `mps`, a folder of MPS results or a file.
@@ -196,10 +164,36 @@ pub fn import_aria(
         doubts,
         has_tcp: frames.is_some(),
         imu_offsets_ms,
+        gyroscope: Gyroscope::of(&recording, &recording.pose.samples),
+        own_rate: own_rate(&trajectory),
         not_read: (!not_read.is_empty()).then(|| not_read.join("; ")),
     };
     write(source, &recording, frames.as_ref(), &report, options)?;
     Ok(report)
+}
+
+/// The trajectory's own angular rates against its rotations, both by the glasses' clock; `None` without rates, or where it hardly turns.
+fn own_rate(trajectory: &Trajectory) -> Option<gyro::GyroCheck> {
+    let at = |pose: &MpsPose| HostTime::from_nanos(pose.device_ns);
+    let poses: Vec<_> = trajectory
+        .poses
+        .iter()
+        .map(|pose| Stamped {
+            at: at(pose),
+            value: pose.pose,
+        })
+        .collect();
+    let rates = trajectory
+        .poses
+        .iter()
+        .filter(|pose| pose.rate.iter().all(|rate| rate.is_finite()));
+    let rates: Vec<_> = rates
+        .map(|pose| Stamped {
+            at: at(pose),
+            value: pose.rate,
+        })
+        .collect();
+    gyro::check(&poses, &rates)
 }
 
 /// Poses that the source has, which those of the trajectory replace.
@@ -254,33 +248,6 @@ fn write(
     rewrite.metadata(metadata::IMPORT, import_entries("aria", report));
     rewrite.write(Some(source), &report.path, options.overwrite)?;
     Ok(())
-}
-
-/// The metadata `ft.import`.
-pub(super) fn import_entries(kind: &str, report: &impl Serialize) -> BTreeMap<String, String> {
-    let json = serde_json::to_string(report).unwrap_or_default();
-    BTreeMap::from([
-        ("kind".to_owned(), kind.to_owned()),
-        ("json".to_owned(), json),
-    ])
-}
-
-/// Adds `world_from_<frame>` as a topic. What was computed afterwards arrives when it is true.
-pub(super) fn add_poses(rewrite: &mut Rewrite<'_>, name: &str, samples: &[Stamped<Pose7>]) {
-    let messages = samples.iter().map(|sample| {
-        let mut message = PoseStamped {
-            header: Header::new(sample.at, World::NAME),
-            ..PoseStamped::default()
-        };
-        message.pose.position = sample.value.position.into();
-        message.pose.orientation = sample.value.quaternion.into();
-        let stamps = MessageStamps {
-            log_time: sample.at,
-            publish_time: sample.at,
-        };
-        (stamps, message)
-    });
-    rewrite.add(name, Qos::SENSOR, messages);
 }
 
 fn frames_of(known: &KnownFrames) -> Option<Frames> {
@@ -338,99 +305,5 @@ impl HostMap {
                 HostTime::from_nanos(start.as_nanos().saturating_add(since))
             }
         }
-    }
-}
-
-impl fmt::Display for AriaReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let counts = &self.counts;
-        let kind = match self.kind {
-            TrajectoryKind::ClosedLoop => "closed-loop",
-            TrajectoryKind::OpenLoop => "open-loop",
-        };
-        writeln!(
-            f,
-            "{}: {} {kind} poses of {} rows (left out: {} not later than the one before, {} no rotation or an empty field, {} of low quality); \
-             least quality {:.2}",
-            self.path.display(),
-            self.poses,
-            counts.rows,
-            counts.not_later,
-            counts.no_pose,
-            counts.low_quality,
-            counts.least_quality
-        )?;
-        if counts.no_stamp > 0 {
-            writeln!(
-                f,
-                "{} rows without a usable stamp left out",
-                counts.no_stamp
-            )?;
-        }
-        if counts.other_world > 0 {
-            writeln!(
-                f,
-                "{} poses of other worlds (graph_uid or session_uid) left out: they do not join the others",
-                counts.other_world
-            )?;
-        }
-        if counts.doubtful > 0 {
-            writeln!(
-                f,
-                "{} poses of a quality below 0.5 kept; --min-quality 0.5 leaves them out",
-                counts.doubtful
-            )?;
-        }
-        if let Some(text) = &self.not_read {
-            writeln!(f, "not read: {text}")?;
-        }
-        if counts.turned_deg > 0.01 {
-            writeln!(
-                f,
-                "world turned by {:.1} deg, so that z is up",
-                counts.turned_deg
-            )?;
-        }
-        write!(
-            f,
-            "the first pose is {:+.3} s after the first wrench",
-            self.begins_s
-        )?;
-        match self.utc_rms_ms {
-            Some(rms) => writeln!(f, " (utc is a line to {rms:.3} ms rms)")?,
-            None => writeln!(f, " (no utc)")?,
-        }
-        match &self.alignment {
-            Some(alignment) => writeln!(f, "{alignment}")?,
-            None => writeln!(
-                f,
-                "not aligned: the times are those of utc or --starts-at, which may be seconds off"
-            )?,
-        }
-        for (name, messages) in &self.replaced {
-            writeln!(
-                f,
-                "the recording's own {name} ({messages} poses) is not in the new one: these poses take its place"
-            )?;
-        }
-        for doubt in &self.doubts {
-            writeln!(f, "doubtful: {doubt}")?;
-        }
-        if !self.has_tcp {
-            writeln!(
-                f,
-                "no /tcp/pose: nothing says where the tool is on the glasses (--frames)"
-            )?;
-        }
-        write!(f, "from")?;
-        for file in &self.sources {
-            write!(
-                f,
-                " {} ({}...)",
-                file.name,
-                file.sha256.get(..12).unwrap_or("")
-            )?;
-        }
-        Ok(())
     }
 }

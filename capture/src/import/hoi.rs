@@ -13,184 +13,39 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
-mod gyro;
 mod pieces;
 mod report;
+mod search;
 mod weigh;
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use ft_recording::message::{Header, Temperature, WrenchStamped};
 use ft_recording::qos::Qos;
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{
-    Calibration, Estimate, MessageStamps, Pose7, PoseTrack, Recording, Stamped, TrackedFrame,
-    metadata, topic,
+    Calibration, Estimate, Pose7, PoseTrack, Recording, Stamped, TrackedFrame, metadata, topic,
 };
 use ft_wire::HostTime;
-use ft_wire::frames::{Frame, FtSensor};
 
-pub use gyro::GyroCheck;
 use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
+pub use search::{HoiPart, HoiParts, parts};
 use weigh::{free_air, quiet_bias};
 
 use super::archive::Tree;
-use super::aria::{add_poses, import_entries};
-use super::{ImportError, io, plausible};
+use super::topics::{add_poses, add_rates, add_temperature, add_wrench, import_entries, true_at};
+use super::{ImportError, plausible};
 use crate::calibrate::{Alignment, Calibrated};
 use crate::config::Frames;
 use crate::encode::static_transforms;
+use crate::gyro;
 
 const BAG: &str = "_gripper_bag";
 const VRS: &str = "_gripper_vrs";
-/// Folders below the one that is given.
-const DEPTH: usize = 6;
 /// The dataset's own constants: kg, m in the sensor's axes.
 const MASS_KG: f64 = 0.490;
 const COM_M: [f64; 3] = [0.021, 0.020, 0.059];
 const GRAVITY: f64 = 9.80665;
-
-/// One recording of the dataset.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct HoiPart {
-    /// `<location>_<range>`.
-    pub name: String,
-    /// The folder with `gripper/` and `aria_gripper/`; where an archive `a.zip` leads to it, it is named as a folder `a`.
-    pub base: PathBuf,
-}
-
-/// The recordings below a folder.
-#[derive(Debug, Default)]
-pub struct HoiParts {
-    /// By name and folder.
-    pub parts: Vec<HoiPart>,
-    /// Archives that could not be looked into.
-    pub unreadable: Vec<ImportError>,
-}
-
-impl HoiParts {
-    /// Where each part's recording goes below the folder of all: `<name>.mcap`, and for parts of one name in several folders of the
-    /// dataset below these folders' names.
-    #[must_use]
-    pub fn outputs(&self) -> Vec<PathBuf> {
-        let above = self.parts.first().map_or(Path::new(""), |first| {
-            let holds_all =
-                |folder: &&Path| self.parts.iter().all(|part| part.base.starts_with(folder));
-            first
-                .base
-                .ancestors()
-                .find(holds_all)
-                .unwrap_or(Path::new(""))
-        });
-        let output = |part: &HoiPart| {
-            let file = format!("{}.mcap", part.name);
-            let alike = self.parts.iter().filter(|other| other.name == part.name);
-            if alike.count() < 2 {
-                return PathBuf::from(file);
-            }
-            part.base
-                .strip_prefix(above)
-                .unwrap_or(Path::new(""))
-                .join(file)
-        };
-        self.parts.iter().map(output).collect()
-    }
-}
-
-/// The recordings below a folder: their bags' folders or archives, also within archives.
-///
-/// # Errors
-/// A folder cannot be listed, or there is none.
-pub fn parts(folder: &Path) -> Result<HoiParts, ImportError> {
-    // `.` has no parent by name.
-    let folder = &folder.canonicalize().map_err(io("find", folder))?;
-    let mut search = Search::default();
-    search.visit(folder, DEPTH)?;
-    let Search {
-        found, unreadable, ..
-    } = search;
-    if found.is_empty() {
-        let unreadable: Vec<_> = unreadable.iter().map(|e| format!(" ({e})")).collect();
-        return Err(ImportError::Missing {
-            path: folder.to_owned(),
-            missing: format!("no folder or zip *{BAG}{}", unreadable.concat()),
-            hint: "give <base>/extracted/<location>/gripper, or a folder above it; the raw layout (.bag, MPS folders) is read in \
-                   steps: see `ft-capture import-bag --help`",
-        });
-    }
-    Ok(HoiParts {
-        parts: found.into_iter().collect(),
-        unreadable,
-    })
-}
-
-#[derive(Default)]
-struct Search {
-    tree: Tree,
-    found: BTreeSet<HoiPart>,
-    unreadable: Vec<ImportError>,
-}
-
-impl Search {
-    fn visit(&mut self, path: &Path, depth: usize) -> Result<(), ImportError> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if bag_name(&name).is_some() {
-            self.add(path);
-        } else if name.trim_end_matches(".zip").ends_with(VRS) {
-            // Nothing but a trajectory is in it.
-        } else if path.is_dir() {
-            if depth == 0 {
-                return Ok(());
-            }
-            for entry in std::fs::read_dir(path).map_err(io("list", path))? {
-                self.visit(&entry.map_err(io("list", path))?.path(), depth - 1)?;
-            }
-        } else if name.ends_with(".zip")
-            && let Err(error) = self.look_into(path)
-        {
-            self.unreadable.push(error);
-        }
-        Ok(())
-    }
-
-    /// Bags within an archive, by the names of its files.
-    fn look_into(&mut self, zip: &Path) -> Result<(), ImportError> {
-        let is_wanted = |name: &str| name.split('/').any(|part| bag_name(part).is_some());
-        let names = self.tree.names(zip, "gripper", &is_wanted)?;
-        let root = zip.with_extension("");
-        for name in names.iter().filter(|name| is_wanted(name)) {
-            let mut path = root.join(name);
-            // Down to the bag itself.
-            while path
-                .file_name()
-                .is_some_and(|last| bag_name(&last.to_string_lossy()).is_none())
-            {
-                path.pop();
-            }
-            self.add(&path);
-        }
-        Ok(())
-    }
-
-    /// Takes in the bag at `path`.
-    fn add(&mut self, path: &Path) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let base = path.parent().and_then(Path::parent);
-        if let (Some(name), Some(base)) = (bag_name(&name), base) {
-            self.found.insert(HoiPart {
-                name: name.to_owned(),
-                base: base.to_owned(),
-            });
-        }
-    }
-}
-
-/// The recording's name, of its bag's.
-fn bag_name(name: &str) -> Option<&str> {
-    name.strip_suffix(".zip").unwrap_or(name).strip_suffix(BAG)
-}
 
 /// Writes `out` from one recording of the dataset.
 ///
@@ -208,7 +63,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
     let trajectory = import.trajectory()?;
     let frames = import.frames()?;
     let temperature = import.temperature()?;
-    let gyro = import.gyro()?;
+    let angular_rate = import.gyro()?;
     let width = ["dynamixel_workbench", "joint_states", "data.csv"];
     if import.in_bag(&width)?.is_none() {
         let text = format!("{}: no jaw width", width.join("/"));
@@ -235,6 +90,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         },
         gripper_width: Vec::new(),
         temperature,
+        angular_rate,
         aria_device_from_tcp: pose(&frames.aria_device_from_tcp),
         tcp_from_ft_sensor: pose(&frames.tcp_from_ft_sensor),
         marks: Vec::new(),
@@ -250,11 +106,10 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             sample.at = alignment.shifted(sample.at, start);
         }
     }
-    let gyro_check = gyro::check(&recording.pose.samples, &gyro);
-    if gyro_check.is_none() && !gyro.is_empty() {
-        let text =
-            "no check by the sensor's own gyroscope: it and the poses do not show the same turns";
-        import.missing.push(text.to_owned());
+    let gyro_check = gyro::check(&recording.pose.samples, &recording.angular_rate);
+    if gyro_check.is_none() && !recording.angular_rate.is_empty() {
+        let text = format!("no check by the sensor's own gyroscope: {}", gyro::NOT_SEEN);
+        import.missing.push(text);
     }
     let mut doubts = plausible::of_wrench(&recording.wrench);
     doubts.extend(plausible::of_poses(&recording.pose.samples));
@@ -350,6 +205,7 @@ impl Import<'_> {
                 std: [0.001; 6],
             },
             wrench_bias: bias,
+            covariance: None,
         };
         (calibration, HoiCalibration::Constants { quiet_s }, None)
     }
@@ -363,19 +219,8 @@ fn write(
     out: &Path,
     overwrite: bool,
 ) -> Result<(), ImportError> {
-    let stamps = |at: HostTime| MessageStamps {
-        log_time: at,
-        publish_time: at,
-    };
     let mut rewrite = Rewrite::new();
-    let wrench = recording.wrench.iter().map(|sample| {
-        let message = WrenchStamped {
-            header: Header::new(sample.at, FtSensor::NAME),
-            wrench: sample.value.into(),
-        };
-        (stamps(sample.at), message)
-    });
-    rewrite.add(topic::WRENCH, Qos::SENSOR, wrench);
+    add_wrench(&mut rewrite, &recording.wrench);
     add_poses(&mut rewrite, topic::ARIA_POSE, &recording.pose.samples);
     let tcp: Vec<_> = recording
         .pose
@@ -387,22 +232,14 @@ fn write(
         })
         .collect();
     add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
-    if !recording.temperature.is_empty() {
-        let messages = recording.temperature.iter().map(|sample| {
-            let message = Temperature {
-                header: Header::new(sample.at, FtSensor::NAME),
-                temperature: sample.value,
-                variance: 0.0,
-            };
-            (stamps(sample.at), message)
-        });
-        rewrite.add(topic::TEMPERATURE, Qos::SENSOR, messages);
-    }
+    add_temperature(&mut rewrite, &recording.temperature);
+    add_rates(&mut rewrite, &recording.angular_rate);
     let start = recording.wrench[0].at;
+    let transforms = static_transforms(frames, start);
     rewrite.add(
         topic::TF_STATIC,
         Qos::LATCHED,
-        [(stamps(start), static_transforms(frames, start))],
+        [(true_at(start), transforms)],
     );
     let calibration =
         calibration

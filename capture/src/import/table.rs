@@ -1,17 +1,24 @@
 //! CSV tables whose columns are found by name.
 
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use super::ImportError;
-use super::archive::read;
+use super::archive::{is_gzip, read};
+use super::{ImportError, io};
 
-/// A table with a header, in memory.
+/// A table with a header, in memory: about what the file has.
 #[derive(Debug)]
 pub struct Table {
     path: PathBuf,
     columns: Vec<String>,
-    rows: Vec<csv::StringRecord>,
+    /// The fields of all rows behind each other, ...
+    text: String,
+    /// ... where each ends, ...
+    ends: Vec<u32>,
+    /// ... and the line of each row, from 1.
+    lines: Vec<u32>,
 }
 
 /// Instants after this are taken for damage, ns: the year 2096. What is computed with stamps up to here does not overflow.
@@ -22,12 +29,18 @@ pub(super) const LAST_INSTANT: i64 = 4_000_000_000_000_000_000;
 pub struct Column(usize);
 
 impl Table {
-    /// Reads a file.
+    /// Reads a file, also one that is packed with gzip.
     ///
     /// # Errors
-    /// It cannot be read, is no table, or its rows differ in length. A last row that was cut short is left out.
+    /// It cannot be read, is no table, has more than 4 GiB of fields, or its rows differ in length. A last row that was cut short is left
+    /// out.
     pub fn open(path: &Path) -> Result<Self, ImportError> {
-        Self::from_bytes(&read(path)?, path)
+        let mut file =
+            BufReader::with_capacity(1 << 16, File::open(path).map_err(io("open", path))?);
+        if is_gzip(file.fill_buf().map_err(io("read", path))?) {
+            return Self::from_bytes(&read(path)?, path);
+        }
+        Self::from_reader(file, path)
     }
 
     /// Reads `bytes` that `path` is said to hold.
@@ -35,16 +48,31 @@ impl Table {
     /// # Errors
     /// As [`Table::open`].
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, ImportError> {
+        Self::from_reader(bytes, path)
+    }
+
+    fn from_reader(source: impl Read, path: &Path) -> Result<Self, ImportError> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .flexible(true)
-            .from_reader(bytes);
-        let wrong = |error: &csv::Error| ImportError::Table {
-            path: path.to_owned(),
-            line: error.position().map_or(0, csv::Position::line),
-            reason: error.to_string(),
+            .from_reader(source);
+        let wrong = |error: csv::Error| {
+            let line = error.position().map_or(0, csv::Position::line);
+            match error.into_kind() {
+                csv::ErrorKind::Io(source) => io("read", path)(source),
+                csv::ErrorKind::Utf8 { .. } => ImportError::Table {
+                    path: path.to_owned(),
+                    line,
+                    reason: "it is no text (UTF-8): give a CSV table".to_owned(),
+                },
+                kind => ImportError::Table {
+                    path: path.to_owned(),
+                    line,
+                    reason: format!("{kind:?}"),
+                },
+            }
         };
-        let header = reader.headers().map_err(|error| wrong(&error))?;
+        let header = reader.headers().map_err(wrong)?;
         let columns: Vec<_> = header
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
@@ -55,25 +83,62 @@ impl Table {
                 reason: "it is empty: not even a line with the names of columns".to_owned(),
             });
         }
-        let mut rows = Vec::new();
-        for row in reader.records() {
-            rows.push(row.map_err(|error| wrong(&error))?);
-        }
-        if rows.last().is_some_and(|row| row.len() < columns.len()) {
-            rows.pop();
-        }
-        if let Some(row) = rows.iter().find(|row| row.len() != columns.len()) {
-            return Err(ImportError::Table {
-                path: path.to_owned(),
-                line: row.position().map_or(0, csv::Position::line),
-                reason: format!("{} fields, the header has {}", row.len(), columns.len()),
-            });
-        }
-        Ok(Self {
+        let mut table = Self {
             path: path.to_owned(),
             columns,
-            rows,
-        })
+            text: String::new(),
+            ends: Vec::new(),
+            lines: Vec::new(),
+        };
+        // The last row may be cut short, because the file is still being written or was.
+        let mut short: Option<ImportError> = None;
+        let mut row = csv::StringRecord::new();
+        while reader.read_record(&mut row).map_err(wrong)? {
+            if let Some(error) = short.take() {
+                return Err(error);
+            }
+            let line = row.position().map_or(0, csv::Position::line);
+            if row.len() == table.columns.len() {
+                table.push(&row, line)?;
+                continue;
+            }
+            let error = table.refusal(
+                line,
+                format!(
+                    "{} fields, the header has {}",
+                    row.len(),
+                    table.columns.len()
+                ),
+            );
+            if row.len() > table.columns.len() {
+                return Err(error);
+            }
+            short = Some(error);
+        }
+        Ok(table)
+    }
+
+    fn push(&mut self, row: &csv::StringRecord, line: u64) -> Result<(), ImportError> {
+        for field in row {
+            self.text.push_str(field);
+            let end = u32::try_from(self.text.len());
+            self.ends.push(end.map_err(|_| {
+                self.refusal(
+                    line,
+                    "more than 4 GiB of fields; cut the table into parts".to_owned(),
+                )
+            })?);
+        }
+        self.lines.push(u32::try_from(line).unwrap_or(u32::MAX));
+        Ok(())
+    }
+
+    fn refusal(&self, line: u64, reason: String) -> ImportError {
+        ImportError::Table {
+            path: self.path.clone(),
+            line,
+            reason,
+        }
     }
 
     /// The file.
@@ -84,14 +149,14 @@ impl Table {
 
     /// Rows without the header.
     #[must_use]
-    pub fn len(&self) -> usize {
-        self.rows.len()
+    pub const fn len(&self) -> usize {
+        self.lines.len()
     }
 
     /// Whether there is no row.
     #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
+    pub const fn is_empty(&self) -> bool {
+        self.lines.is_empty()
     }
 
     /// The column of this name, if there is one.
@@ -111,7 +176,7 @@ impl Table {
         self.find(name).ok_or_else(|| ImportError::Column {
             path: self.path.clone(),
             column: name.to_owned(),
-            there: self.columns.join(", "),
+            there: shortened(&self.columns.join(", ")),
         })
     }
 
@@ -130,8 +195,15 @@ impl Table {
     /// A field as it stands; empty where there is none.
     #[must_use]
     pub fn text(&self, row: usize, column: Column) -> &str {
-        let field = self.rows.get(row).and_then(|fields| fields.get(column.0));
-        field.unwrap_or_default()
+        let field = row * self.columns.len() + column.0;
+        let end = |field: usize| self.ends.get(field).map(|end| *end as usize);
+        let begin = field.checked_sub(1).map_or(Some(0), end);
+        let place = begin
+            .zip(end(field))
+            .filter(|_| column.0 < self.columns.len());
+        place
+            .and_then(|(begin, end)| self.text.get(begin..end))
+            .unwrap_or_default()
     }
 
     /// A number; NaN where the field is empty or says that there is none (`null`, `none`, `n/a`, `-`).
@@ -153,14 +225,10 @@ impl Table {
         let text = self.text(row, column);
         text.parse().map_err(|_| ImportError::Field {
             path: self.path.clone(),
-            line: self
-                .rows
-                .get(row)
-                .and_then(csv::StringRecord::position)
-                .map_or(0, csv::Position::line),
+            line: self.lines.get(row).copied().map_or(0, u64::from),
             column: self.columns.get(column.0).cloned().unwrap_or_default(),
             got: text.chars().take(40).collect(),
-            expected: std::any::type_name::<T>(),
+            expected: kind_of::<T>(),
         })
     }
 
@@ -215,6 +283,22 @@ impl Table {
     }
 }
 
+/// The first 300 letters: what is no table may have columns of any length.
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(300) {
+        Some((end, _)) => format!("{}...", text.get(..end).unwrap_or_default()),
+        None => text.to_owned(),
+    }
+}
+
+/// What a number of type `T` is called.
+fn kind_of<T>() -> &'static str {
+    match std::any::type_name::<T>() {
+        "i64" => "a whole number",
+        _ => "a number",
+    }
+}
+
 /// Whether a field says that there is no number.
 fn is_nothing(text: &str) -> bool {
     let words = ["", "null", "none", "n/a", "na", "-", "--"];
@@ -247,6 +331,42 @@ mod tests {
     }
 
     #[test]
+    fn what_is_no_text_and_a_folder_are_named() {
+        let bytes = [b"a,b\n1,2\n".as_slice(), &[0xff, 0xfe, 0, 1], b",2\n"].concat();
+        let message = Table::from_bytes(&bytes, Path::new("a.csv")).unwrap_err();
+        let message = message.to_string();
+        assert!(
+            message.starts_with("a.csv line 3: it is no text"),
+            "{message}"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let message = Table::open(folder.path()).unwrap_err().to_string();
+        assert!(
+            message.contains("cannot read") && message.contains("directory"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn fields_of_any_row_and_column_are_found_again() {
+        let table = table("a,b,c\nx,,zz\n,yy,\n\n1,2,3\n").unwrap();
+        let [a, b, c] = table.columns(["a", "b", "c"]).unwrap();
+        let row = |row| [a, b, c].map(|column| table.text(row, column));
+        assert_eq!(
+            [row(0), row(1), row(2)],
+            [["x", "", "zz"], ["", "yy", ""], ["1", "2", "3"]]
+        );
+        assert_eq!((row(3), table.len()), (["", "", ""], 3));
+        assert!(
+            table
+                .number::<f64>(1, b)
+                .unwrap_err()
+                .to_string()
+                .contains("line 3: b is \"yy\"")
+        );
+    }
+
+    #[test]
     fn an_empty_file_is_called_so() {
         for text in ["", "\n", "\u{feff}"] {
             let message = table(text).unwrap_err().to_string();
@@ -266,7 +386,7 @@ mod tests {
                 .integer(2, column)
                 .unwrap_err()
                 .to_string()
-                .contains("expected i64")
+                .contains("expected a whole number")
         );
     }
 
@@ -302,6 +422,6 @@ mod tests {
         let table = table("a\n1\nx\n").unwrap();
         let column = table.column("a").unwrap();
         let message = table.number::<i64>(1, column).unwrap_err().to_string();
-        assert_eq!(message, "a.csv line 3: a is \"x\", expected i64");
+        assert_eq!(message, "a.csv line 3: a is \"x\", expected a whole number");
     }
 }

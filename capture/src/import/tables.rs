@@ -6,18 +6,15 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use ft_recording::message::{Header, WrenchStamped};
-use ft_recording::qos::Qos;
 use ft_recording::rewrite::Rewrite;
-use ft_recording::{MessageStamps, Pose7, Stamped, metadata, topic};
+use ft_recording::{Pose7, Stamped, metadata, topic};
 use ft_wire::HostTime;
-use ft_wire::frames::{Frame, FtSensor};
 use serde::Serialize;
 
 use super::ImportError;
-use super::aria::{add_poses, import_entries};
 use super::mps::SourceFile;
 use super::table::{Column, LAST_INSTANT, Table};
+use super::topics::{add_poses, add_wrench, import_entries};
 
 /// Rows at a rate begin here, because nothing says when they were: 2020-01-01 00:00:00 UTC.
 const UNKNOWN_BEGIN: HostTime = HostTime::from_nanos(1_577_836_800_000_000_000);
@@ -119,17 +116,8 @@ pub fn import_tables(
         doubts,
         times_made_up: matches!(options.time, RowTime::Rate(_)),
     };
-    let messages = samples.into_iter().map(|sample| {
-        let stamps = MessageStamps {
-            log_time: sample.at,
-            publish_time: sample.at,
-        };
-        let header = Header::new(sample.at, FtSensor::NAME);
-        let wrench = sample.value.into();
-        (stamps, WrenchStamped { header, wrench })
-    });
     let mut rewrite = Rewrite::new();
-    rewrite.add(topic::WRENCH, Qos::SENSOR, messages);
+    add_wrench(&mut rewrite, &samples);
     add_poses(&mut rewrite, topic::TCP_POSE, &track);
     rewrite.metadata(metadata::IMPORT, import_entries("tables", &report));
     rewrite.write(None, out, options.overwrite)?;

@@ -27,10 +27,21 @@ use crate::summary::Summary;
 /// Makes a new recording `out` of the raw frames of `file`, with the configuration that `file` holds.
 ///
 /// # Errors
-/// `file` cannot be read or has no raw frames or no configuration; `out` exists or cannot be written.
+/// `file` cannot be read or has no raw frames or no configuration; `out` exists, is `file`, or cannot be written.
 pub fn replay(file: &Path, out: &Path, overwrite: bool) -> Result<Summary, SessionError> {
+    if is_same(file, out) {
+        return Err(SessionError::IsSource {
+            path: out.to_owned(),
+        });
+    }
     let source = Source::read(file)?;
     play(file, source, Some((out, overwrite)), None)
+}
+
+/// Whether both names lead to one file, which is then never written to.
+#[must_use]
+pub fn is_same(file: &Path, out: &Path) -> bool {
+    matches!((file.canonicalize(), out.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 /// Sends what `file` holds through the drivers, into `out` (and whether it may be replaced) and past `listener`.

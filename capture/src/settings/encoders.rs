@@ -1,5 +1,6 @@
 //! Settings of the gripper's encoders: `dynamixel`, `amt21`, `encoder_line`, and the linkage that all of them share.
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use ft_drivers::amt21::Echo;
@@ -61,16 +62,27 @@ fn linkage(setting: Option<LinkageSetting>) -> Result<Linkage, String> {
             Linkage::Linear {
                 zero_angle_rad: zero_angle_deg.to_radians(),
                 width_at_zero_m,
-                slope_m_per_rad: width_per_turn_m / std::f64::consts::TAU,
+                slope_m_per_rad: width_per_turn_m / TAU,
             }
         }
     };
-    if linkage.width_m(0.0).is_finite() {
+    let (zero_angle_rad, width_at_zero_m) = match linkage {
+        Linkage::CrankAndRod { zero_angle_rad, .. } => (zero_angle_rad, 0.0),
+        Linkage::Linear {
+            zero_angle_rad,
+            width_at_zero_m,
+            ..
+        } => (zero_angle_rad, width_at_zero_m),
+    };
+    if zero_angle_rad.abs() <= MOST_TURNS * TAU && width_at_zero_m.abs() <= 1.0 {
         Ok(linkage)
     } else {
-        Err("linkage: every number must be finite".to_owned())
+        Err("linkage: zero_angle_deg within 100 turns, width_at_zero_m within 1 m".to_owned())
     }
 }
+
+/// Of a spindle's encoder between its zero and the angle at which the opening is known.
+const MOST_TURNS: f64 = 100.0;
 
 fn period(rate_hz: f64) -> Result<Duration, String> {
     if (1.0..=1000.0).contains(&rate_hz) {
@@ -277,6 +289,8 @@ mod tests {
     fn a_linkage_that_cannot_be_is_named() {
         let short = "linkage = { kind = \"crank_and_rod\", zero_angle_deg = 0, crank_m = 0.05, rod_m = 0.04 }";
         assert!(amt21(short).unwrap_err().contains("longer than the crank"));
+        let far = "linkage = { kind = \"linear\", zero_angle_deg = 1e9, width_at_zero_m = 0, width_per_turn_m = 0.1 }";
+        assert!(amt21(far).unwrap_err().contains("within 100 turns"));
         let unknown = amt21("linkage = { kind = \"cable\" }").unwrap_err();
         assert!(unknown.contains("crank_and_rod"), "{unknown}");
         assert!(amt21("address = 3").unwrap_err().contains("multiple of 4"));

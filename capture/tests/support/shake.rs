@@ -303,6 +303,7 @@ impl Setup {
                     })
                     .collect(),
             },
+            angular_rate: Vec::new(),
             aria_device_from_tcp: Pose7::IDENTITY,
             tcp_from_ft_sensor: self.tcp_from_ft_sensor,
             marks: Vec::new(),

@@ -3,8 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use ft_wire::hid::{MAX_REPORT, Report};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
+use crate::hid_axis::HidFrame;
 use crate::link::{Link, LinkError, RxStamps};
 
 /// A frame that can be spoiled.
@@ -75,6 +77,33 @@ impl Spoil for CanFrame {
             _ => Self::extended(id, payload),
         };
         spoiled.unwrap_or(*self)
+    }
+
+    fn split(&self, _len: usize) -> Option<(Self, Self)> {
+        None
+    }
+
+    fn merge(&self, _next: &Self) -> Option<Self> {
+        None
+    }
+}
+
+/// USB has a check of its own and keeps reports whole; flipped bits stand for a broken device. The descriptor stays as it is.
+impl Spoil for HidFrame {
+    fn bits(&self) -> usize {
+        match self {
+            Self::Descriptor(_) => 0,
+            Self::Report(report) => report.as_slice().len() * 8,
+        }
+    }
+
+    fn with_flipped(&self, bit: usize) -> Self {
+        let Self::Report(report) = self else {
+            return self.clone();
+        };
+        let (bytes, len) = flipped::<{ MAX_REPORT }>(report.as_slice(), bit);
+        let spoiled = Report::new(bytes.get(..len).unwrap_or_default());
+        Self::Report(spoiled.unwrap_or(*report))
     }
 
     fn split(&self, _len: usize) -> Option<(Self, Self)> {

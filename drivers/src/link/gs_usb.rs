@@ -24,8 +24,8 @@ use crate::discover;
 use crate::link::can_errors::{CanErrors, ErrorWatch};
 use crate::link::{Link, LinkError, RxStamps};
 
-/// Longest wait for an answer to a request, and for room in the adapter.
-const ANSWER: Duration = Duration::from_millis(200);
+/// Longest wait for an answer to a request, which Linux's driver waits too, and for room in the adapter.
+const ANSWER: Duration = Duration::from_secs(1);
 /// Longest wait in one call of libusb; 0 would mean for ever.
 const WAIT: (Duration, Duration) = (Duration::from_millis(1), Duration::from_secs(1));
 /// Silence after which the adapter holds nothing that is left over, and how many frames it may hold at most.

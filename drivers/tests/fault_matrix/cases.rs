@@ -2,13 +2,15 @@
 
 use std::f64::consts::TAU;
 
+use ft_drivers::hid_axis::{self, HidFrame};
 use ft_drivers::options::Startup;
 use ft_drivers::{
-    bota_serial, encoder_line, kunwei_kwr75, leptrino, optoforce, optoforce_can, optoforce_serial,
-    pose_stream, robotous, robotous_can, robotous_uart,
+    Device as _, RxStamps, bota_serial, encoder_line, kunwei_kwr75, leptrino, optoforce,
+    optoforce_can, optoforce_serial, pose_stream, robotous, robotous_can, robotous_uart,
 };
+use ft_wire::hid::{Report, Usage};
 use ft_wire::robotous_rft::{CanIds, Record, Response, encode_response, response_frames};
-use ft_wire::{CanFrame, Chunk, optoforce_hex};
+use ft_wire::{CanFrame, Chunk, HostTime, optoforce_hex};
 
 /// Counts that tell samples apart: slow enough for a sensor without check sum.
 pub(crate) fn counts(index: usize) -> [i16; 6] {
@@ -182,4 +184,32 @@ pub(crate) fn pose_sample(index: usize, ticks: u64, _overload: bool) -> Vec<Chun
             quality_score: 1.0,
         },
     ))
+}
+
+/// A slider of 16 bits in report 3.
+const SLIDER: &[u8] = &[
+    0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x85, 0x03, 0x09, 0x36, 0x15, 0x00, 0x27, 0xFF, 0xFF, 0x00,
+    0x00, 0x75, 0x10, 0x95, 0x01, 0x81, 0x02, 0xC0,
+];
+
+/// A driver that has read the slider's descriptor.
+pub(crate) fn hid() -> hid_axis::HidAxis {
+    let mut driver = hid_axis::HidAxis::new(hid_axis::Config {
+        usage: Usage::Slider,
+        counts_per_turn: Some(65_536.0),
+        ..hid_axis::Config::default()
+    });
+    driver.handle_timeout(HostTime::EPOCH);
+    let stamps = RxStamps {
+        arrival: HostTime::EPOCH,
+    };
+    driver
+        .handle_frame(&HidFrame::Descriptor(SLIDER.into()), stamps)
+        .unwrap();
+    driver
+}
+
+pub(crate) fn hid_sample(index: usize, _ticks: u64, _overload: bool) -> Vec<HidFrame> {
+    let [low, high] = (20_000 + index as u16).to_le_bytes();
+    vec![HidFrame::Report(Report::new(&[3, low, high]).unwrap())]
 }

@@ -116,6 +116,14 @@ pub(crate) fn rows() -> Vec<Row> {
             check: Sum,
             overload: false,
         }),
+        row(&Case {
+            driver: "hid_axis",
+            make: cases::hid,
+            sample: cases::hid_sample,
+            clocked: No,
+            check: Bus,
+            overload: false,
+        }),
     ]
 }
 
@@ -185,7 +193,9 @@ where
         Fault::Overload if !case.overload => return "-".to_owned(),
         Fault::ClockJump if case.clocked == Clocked::No => return "-".to_owned(),
         Fault::Corrupted if case.check == Check::Bus => return "bus".to_owned(),
-        Fault::Merged | Fault::Split if many => return "bus".to_owned(),
+        Fault::Merged | Fault::Split if many || case.check == Check::Bus => {
+            return "bus".to_owned();
+        }
         Fault::Unplugged => {
             // Pulled in the middle of a frame, and back 50 samples later.
             let mut before = stream(case, 0..1_000, |index| FIRST_TICK + index as u64);

@@ -12,7 +12,8 @@
 //! In C: `int n = snprintf(s, sizeof s, "ENC,%lu,%ld", micros(), counts); uint8_t x = 0; for (int i = 0; i < n; i++) x ^= s[i];
 //! printf("$%s*%02X\r\n", s, x);`
 //!
-//! **What the check cannot promise**: any one flipped bit is refused; two flips of the same bit in two bytes are not seen.
+//! **What the check cannot promise**: any one flipped bit and any one byte left out are refused (but for the `\r`); two flips of the
+//! same bit in two bytes, and two equal characters left out, are not seen.
 //!
 //! # Source
 //! This page is the definition; the check is that of NMEA 0183 sentences.

@@ -232,12 +232,13 @@ impl State {
         for candidate in &self.bank {
             let kind = candidate.kind;
             let there = self.effects.iter().any(|(f, _)| f.kind.name == kind.name);
-            let Some(column) = candidate.columns.first().filter(|_| kind.at.is_some()) else {
-                continue;
-            };
-            if there || out.iter().any(|hidden| hidden.name == kind.name) {
+            if kind.at.is_none() || there || out.iter().any(|hidden| hidden.name == kind.name) {
                 continue;
             }
+            let columns = candidate.columns();
+            let Some(column) = columns.first() else {
+                continue;
+            };
             let beside_all = own(&all, column);
             if beside_all < HIDDEN * own(&base, column) && own(&without, column) > 2.0 * beside_all
             {

@@ -281,11 +281,19 @@ pub(super) fn blocks(motion: &Motion) -> Folds {
 
 const FOLDS: usize = 6;
 
-/// One point of a kind's grid, with its filtered columns.
+/// One point of a kind's grid, with its filtered columns. Single precision: hundreds of them are held at once, and the best is made
+/// anew before it is added.
 pub(super) struct Candidate {
     pub(super) kind: &'static Kind,
     pub(super) shape: Vec<f64>,
-    pub(super) columns: Vec<Vec<f64>>,
+    columns: Vec<Vec<f32>>,
+}
+
+impl Candidate {
+    pub(super) fn columns(&self) -> Vec<Vec<f64>> {
+        let column = |column: &Vec<f32>| column.iter().map(|value| f64::from(*value)).collect();
+        self.columns.iter().map(column).collect()
+    }
 }
 
 /// All grid points of the library on a motion.
@@ -300,20 +308,17 @@ pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
         })
         .collect();
     let made = in_parallel(&points, |(kind, shape)| {
-        Ok(Candidate {
+        let columns = ground.columns_of(kind, shape)?;
+        let all_finite = columns.iter().flatten().all(|v| v.is_finite());
+        let moves = columns.first().is_some_and(|column| rms(column) > 1e-12);
+        let single = |column: &Vec<f64>| column.iter().map(|value| *value as f32).collect();
+        Ok((all_finite && moves).then(|| Candidate {
             kind,
-            columns: ground.columns_of(kind, shape)?,
             shape: shape.clone(),
-        })
+            columns: columns.iter().map(single).collect(),
+        }))
     });
-    let all: Vec<Candidate> = made.into_iter().collect::<Result<_, MotionError>>()?;
-    Ok(all
-        .into_iter()
-        .filter(|candidate| {
-            let all_finite = candidate.columns.iter().flatten().all(|v| v.is_finite());
-            all_finite && candidate.columns.first().is_some_and(|c| rms(c) > 1e-12)
-        })
-        .collect())
+    made.into_iter().filter_map(Result::transpose).collect()
 }
 
 /// `f` of each item, in order, on all processors.

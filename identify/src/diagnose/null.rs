@@ -27,7 +27,7 @@ pub(super) fn replicates(
     count: usize,
 ) -> Result<(Vec<Vec<f64>>, f64), MotionError> {
     let fitted = combine(&ground.all_columns(effects)?, theta);
-    let raw = raw_effort(ground, effects, theta);
+    let raw = raw_effort(&ground.motion, effects, theta);
     let seeds: Vec<u64> = (0..count as u64).collect();
     let noise = &ground.motion.noise_of_q;
     let model = (effects, theta, raw.as_slice());
@@ -58,9 +58,10 @@ fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     out
 }
 
-/// The model's effort on the smoothed motion, unfiltered.
-fn raw_effort(ground: &Ground, effects: &[Found], theta: &[f64]) -> Vec<f64> {
-    let motion = &ground.motion;
+/// The model's effort on the smoothed motion, unfiltered. It turns where its own velocity does.
+fn raw_effort(motion: &Motion, effects: &[Found], theta: &[f64]) -> Vec<f64> {
+    let states = [&motion.q, &motion.dq, &motion.ddq].map(Clone::clone);
+    let motion = &motion.with_states(states);
     let mut series = vec![motion.ddq.clone(), motion.sign.clone(), motion.dq.clone()];
     for effect in effects {
         series.extend(effect.series(motion));

@@ -95,7 +95,7 @@ fn score_all(
     before: &[f64],
     blocks: &[f64],
 ) -> Scored {
-    let (used, outcomes) = outcomes(problem, &candidate.columns, before.len())?;
+    let (used, outcomes) = outcomes(problem, &candidate.columns(), before.len())?;
     let scored = |k: usize| {
         let (theta, rest) = (&outcomes[k].theta, &outcomes[k].rest);
         let holds = signs_hold(candidate.kind, &used, theta)

@@ -392,3 +392,23 @@ fn what_a_soft_stop_carries_is_in_no_sample_of_the_fit_and_what_a_catch_takes_is
     let motion = Motion::prepare(&record(&catch, 40.0, [5e-5, 0.02], 3), &settings).unwrap();
     assert!(motion.kept.iter().any(|&i| motion.q[i] < 0.04));
 }
+
+#[test]
+fn what_position_noise_takes_from_the_inertia_is_given_back() {
+    let (mut found, mut untold) = (Vec::new(), Vec::new());
+    for seed in 0..4 {
+        let mut noisy = record(&PLAIN, 50.0, [4e-3, 0.02], seed);
+        let inertia = |samples: &JointSamples| {
+            let motion = Motion::prepare(samples, &MotionSettings::default()).unwrap();
+            let fit = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
+            fit.value("inertia").unwrap() / PLAIN.inertia - 1.0
+        };
+        found.push(inertia(&noisy));
+        noisy.noise_of_q.clear();
+        untold.push(inertia(&noisy));
+    }
+    let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+    let (found, untold) = (mean(&found), mean(&untold));
+    assert!(found.abs() < 0.4 * untold.abs(), "{found} {untold}");
+    assert!(untold < -0.005, "{untold}");
+}

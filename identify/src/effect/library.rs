@@ -218,7 +218,7 @@ impl<'a> Scope<'a> {
         let (dq, ddq) = (motion.derivative(aside), motion.second_derivative(aside));
         (0..aside.len())
             .map(|i| {
-                let sign = (motion.dq[i] + dq[i]).signum();
+                let sign = (motion.turning[i] + dq[i]).signum();
                 inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i]
             })
             .collect()

@@ -266,3 +266,41 @@ fn a_bent_path_is_no_noise_and_a_slow_wander_stays() {
     assert!(bent < 2e-4, "{bent} of a path that bends by 7 mm");
     assert!(wandering > 3e-4, "{wandering} of a wander of 0.35 mm");
 }
+
+/// A joint that comes to rest at once at the end of each opening stroke, sticks for 40 ms, and leaves slowly.
+#[test]
+fn a_joint_that_sticks_turns_when_it_comes_to_rest_unless_noise_forbids_to_look_that_closely() {
+    let late = |noise: f64| {
+        let mut samples = sine(12.0, 1000.0, 0.4);
+        let mut stops = Vec::new();
+        let (mut q, mut speed) = (0.0, 0.0);
+        for i in 0..samples.q.len() {
+            match i % 800 {
+                0..300 => speed += 2e-3,
+                300..400 => speed -= 6e-3,
+                400 => {
+                    stops.push(samples.time[i]);
+                    speed = 0.0;
+                }
+                401..440 => {}
+                440..620 => speed -= 1.5e-3,
+                620..800 => speed += 1.5e-3,
+                _ => unreachable!("of 800"),
+            }
+            q += 1e-3 * speed;
+            samples.q[i] = q;
+        }
+        let random = |i| noise * ((i * 6007 % 4003) as f64 / 4003.0 - 0.5);
+        samples.noise_of_q = vec![(0..samples.q.len()).map(random).collect()];
+        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let turns =
+            (1..motion.sign.len()).filter(|&i| motion.sign[i - 1] > 0.0 && motion.sign[i] <= 0.0);
+        let times: Vec<f64> = turns.map(|i| motion.time[i]).collect();
+        let after = |stop: &f64| times.iter().map(|t| t - stop).find(|late| *late > -0.1);
+        let late: Vec<f64> = stops.iter().filter_map(after).collect();
+        assert!(late.len() > 10, "{late:?}");
+        quantile(&late, 0.5)
+    };
+    let (quiet, noisy) = (late(1e-5), late(1e-2));
+    assert!(quiet + 0.004 < noisy, "{quiet} {noisy}");
+}

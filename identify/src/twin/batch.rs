@@ -1,9 +1,10 @@
 //! Efforts at many states at once: blocks of them, in vectors as wide as the processor has.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::evaluator::Evaluator;
-use super::pieces::BLOCK;
+use super::four::{Four, Plain};
+use super::rows::{BLOCK, Rows};
 
 /// One quantity of many states.
 #[derive(Clone, Copy, Debug)]
@@ -50,12 +51,30 @@ impl Evaluator {
                 });
             }
         }
-        Arch::new().dispatch(Batch {
+        let Some(rows) = self.rows() else {
+            self.one_by_one(states, out);
+            return Ok(());
+        };
+        let batch = Batch {
             evaluator: self,
+            rows,
             states,
             out,
-        });
+        };
+        #[cfg(target_arch = "x86_64")]
+        if let Some(four) = pulp::x86::V3::try_new() {
+            four.vectorize(In { four, batch });
+            return Ok(());
+        }
+        In { four: Plain, batch }.call();
         Ok(())
+    }
+
+    fn one_by_one(&self, states: [Each<'_>; 3], out: &mut [f64]) {
+        for (k, out) in out.iter_mut().enumerate() {
+            let [q, dq, ddq] = states.each_ref().map(|each| each.at(k));
+            *out = self.effort(q, dq, ddq);
+        }
     }
 }
 
@@ -64,6 +83,13 @@ impl Each<'_> {
         match self {
             Self::Same(_) => None,
             Self::Own(values) => Some(values.len()),
+        }
+    }
+
+    fn at(&self, k: usize) -> f64 {
+        match self {
+            Self::Same(value) => *value,
+            Self::Own(values) => values.get(k).copied().unwrap_or(f64::NAN),
         }
     }
 
@@ -106,40 +132,49 @@ impl<'a> From<&'a Vec<f64>> for Each<'a> {
     }
 }
 
-/// [`Evaluator::efforts`] as a function that is compiled for what the processor has.
+/// Efforts to be written.
 struct Batch<'a> {
     evaluator: &'a Evaluator,
+    rows: &'a Rows,
     states: [Each<'a>; 3],
     out: &'a mut [f64],
 }
 
-impl NullaryFnOnce for Batch<'_> {
+/// [`Batch`] as a function that is compiled for what the processor has.
+struct In<'a, F> {
+    four: F,
+    batch: Batch<'a>,
+}
+
+impl<F: Four> NullaryFnOnce for In<'_, F> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Self {
+        let Self { four, batch } = self;
+        let Batch {
             evaluator,
+            rows,
             states: [q, dq, ddq],
             out,
-        } = self;
-        let [mut a, mut b, mut c, mut rest] = [[0.0; BLOCK]; 4];
+        } = batch;
+        let [mut a, mut b, mut c, mut d, mut last] = [[0.0; BLOCK]; 5];
+        let mut places = Rows::places(four, dq.block(0, &mut b));
         for (i, out) in out.chunks_mut(BLOCK).enumerate() {
             let from = i * BLOCK;
-            let states = [
-                q.block(from, &mut a),
-                dq.block(from, &mut b),
-                ddq.block(from, &mut c),
-            ];
+            let (q, dq_now) = (q.block(from, &mut a), dq.block(from, &mut b));
+            let states = [q, dq_now, ddq.block(from, &mut c)];
+            let next = dq.block(from + BLOCK, &mut d);
             match out.first_chunk_mut() {
-                Some(whole) => evaluator.block(states, whole),
+                Some(whole) => rows.efforts(four, &mut places, states, next, whole),
                 None => {
-                    evaluator.block(states, &mut rest);
-                    for (effort, last) in out.iter_mut().zip(rest) {
+                    rows.efforts(four, &mut places, states, next, &mut last);
+                    for (effort, last) in out.iter_mut().zip(last) {
                         *effort = last;
                     }
                 }
             }
+            evaluator.add_named(q, dq_now, out);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Effort of a twin at a state, term by term, for controllers and simulators.
 
-use super::pieces::{BLOCK, Pieces};
+use super::pieces::Pieces;
+use super::rows::{Rest, Rows};
 use super::{Coordinate, Twin};
 use crate::effect::library::{AtState, kind};
 use crate::mechanism::Domain;
@@ -56,12 +57,10 @@ pub struct Evaluator {
     coordinate: Coordinate,
     domain: Domain,
     range: [f64; 2],
-    inertia: f64,
-    coulomb: f64,
-    viscous: f64,
-    load: f64,
+    rest: Rest,
     effects: Vec<Effect>,
     mechanism: Option<Pieces>,
+    rows: Option<Rows>,
 }
 
 #[derive(Clone, Debug)]
@@ -99,17 +98,22 @@ impl Evaluator {
                 })
             })
             .collect();
-        Self {
-            kind: twin.joint.kind,
-            coordinate: twin.joint.coordinate,
-            domain: twin.domain.clone(),
-            range: twin.joint.q_range,
+        let mechanism = twin.mechanism.as_ref().map(Pieces::of);
+        let rest = Rest {
             inertia: value("inertia"),
             coulomb: value("coulomb"),
             viscous: value("viscous"),
             load: value("load"),
+        };
+        Self {
+            rows: Rows::of(mechanism.as_ref(), rest, twin.joint.coordinate),
+            kind: twin.joint.kind,
+            coordinate: twin.joint.coordinate,
+            domain: twin.domain.clone(),
+            range: twin.joint.q_range,
+            rest,
             effects,
-            mechanism: twin.mechanism.as_ref().map(Pieces::of),
+            mechanism,
         }
     }
 
@@ -123,10 +127,10 @@ impl Evaluator {
         let mechanism = self.mechanism.as_ref();
         let mechanism = mechanism.map_or(0.0, |pieces| pieces.effort(q, dq));
         Terms {
-            inertia: sign * self.inertia * ddq,
-            coulomb: sign * self.coulomb * sgn,
-            viscous: sign * self.viscous * dq,
-            effects: sign * (self.load + named),
+            inertia: sign * self.rest.inertia * ddq,
+            coulomb: sign * self.rest.coulomb * sgn,
+            viscous: sign * self.rest.viscous * dq,
+            effects: sign * (self.rest.load + named),
             mechanism: sign * mechanism,
         }
     }
@@ -137,34 +141,18 @@ impl Evaluator {
         self.terms(q, dq, ddq).total()
     }
 
-    /// The efforts at a block of states.
-    #[inline(always)]
-    pub(super) fn block(&self, [q, dq, ddq]: [&[f64; BLOCK]; 3], out: &mut [f64; BLOCK]) {
+    /// The table for many states at once, when there is one.
+    pub(super) fn rows(&self) -> Option<&Rows> {
+        self.rows.as_ref()
+    }
+
+    /// Adds the efforts of named effects, which no table has.
+    pub(super) fn add_named(&self, q: &[f64], dq: &[f64], out: &mut [f64]) {
         let Coordinate { sign, offset } = self.coordinate;
-        let (mut at, mut rate) = ([0.0; BLOCK], [0.0; BLOCK]);
-        for k in 0..BLOCK {
-            at[k] = sign * (q[k] - offset);
-            rate[k] = sign * dq[k];
-            let sgn = if rate[k] == 0.0 {
-                0.0
-            } else {
-                1.0_f64.copysign(rate[k])
-            };
-            out[k] = self.inertia * sign * ddq[k]
-                + self.coulomb * sgn
-                + self.viscous * rate[k]
-                + self.load;
-        }
-        if let Some(pieces) = &self.mechanism {
-            pieces.add(&at, &rate, out);
-        }
         for effect in &self.effects {
-            for k in 0..BLOCK {
-                out[k] += effect.effort(at[k], rate[k]);
+            for ((out, q), dq) in out.iter_mut().zip(q).zip(dq) {
+                *out += sign * effect.effort(sign * (q - offset), sign * dq);
             }
-        }
-        for effort in out {
-            *effort *= sign;
         }
     }
 
@@ -189,8 +177,8 @@ impl Evaluator {
         // Effort and coordinate turn their signs together.
         [
             by_q + named_q,
-            self.viscous + by_dq + named_dq,
-            self.inertia,
+            self.rest.viscous + by_dq + named_dq,
+            self.rest.inertia,
         ]
     }
 
@@ -271,7 +259,7 @@ impl Evaluator {
     /// Inertia, kg m^2 or kg; 0 when it was not identified.
     #[must_use]
     pub fn inertia(&self) -> f64 {
-        self.inertia
+        self.rest.inertia
     }
 
     /// Range of the joint as far as it is known, rad or m, in the twin's coordinate.

@@ -1,15 +1,11 @@
 //! A mechanism's splines with one polynomial per piece, so that an effort takes a few nanoseconds.
 //!
 //! On uniform knots every piece of a B-spline combines its coefficients alike, into a polynomial in `u`, 0 to 1 along the
-//! piece. Outside its interval `u` stays where it left it: the curve goes on at its end value.
-//!
-//! Blocks of states are worked through array by array: what is arithmetic only runs in vectors, and nothing depends on a
-//! branch that random states would mispredict.
+//! piece. Outside its interval `u` stays where it left it: the curve goes on at its end value. Many states at once:
+//! [`super::rows`].
 
 use super::{Spline, SurfaceSpline, TwinMechanism};
 
-/// States of a block.
-pub(super) const BLOCK: usize = 64;
 /// Coefficients of a piece of the load, of the damping over q and over the root of the speed: one more than the degrees.
 pub(super) const LOAD: usize = 4;
 pub(super) const OVER_Q: usize = 3;
@@ -22,21 +18,21 @@ type Cell = [[f64; OVER_Q]; OVER_SPEED];
 /// `g(q) + P(c(q, |dq|) |dq|) sgn(dq)` ready for evaluation, and its derivatives.
 #[derive(Clone, Debug)]
 pub(super) struct Pieces {
-    load_over: Pitch,
-    load: Vec<[f64; LOAD]>,
-    over_q: Pitch,
-    over_root: Pitch,
+    pub(super) load_over: Pitch,
+    pub(super) load: Vec<[f64; LOAD]>,
+    pub(super) over_q: Pitch,
+    pub(super) over_root: Pitch,
     /// Index = (way * pieces over q + i_q) * pieces over the root + i_root; way 0 forward, 1 backward.
-    damping: Vec<Cell>,
+    pub(super) damping: Vec<Cell>,
     /// Per bend and way: where the valve bends, and by how much.
-    bends: Vec<[[f64; 2]; 2]>,
+    pub(super) bends: Vec<[[f64; 2]; 2]>,
 }
 
 /// An interval cut into equal pieces.
 #[derive(Clone, Copy, Debug)]
-struct Pitch {
-    low: f64,
-    per_unit: f64,
+pub(super) struct Pitch {
+    pub(super) low: f64,
+    pub(super) per_unit: f64,
     pieces: f64,
 }
 
@@ -60,6 +56,16 @@ impl Pitch {
         let along = ((x - self.low) * self.per_unit).clamp(0.0, self.pieces);
         let piece = (along - 0.5).clamp(0.0, self.pieces - 1.0) + WHOLE;
         (piece.to_bits() as u32, along - (piece - WHOLE))
+    }
+
+    /// How many.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "it was a number of pieces"
+    )]
+    pub(super) fn count(&self) -> usize {
+        self.pieces as usize
     }
 
     /// Derivative of the place along the interval: none where it is clamped.
@@ -105,6 +111,19 @@ impl Pieces {
         }
     }
 
+    /// No mechanism: no effort anywhere.
+    pub(super) fn nothing() -> Self {
+        let all = Pitch::new([0.0, 1.0], 1);
+        Self {
+            load_over: all,
+            load: vec![[0.0; LOAD]],
+            over_q: all,
+            over_root: all,
+            damping: vec![[[0.0; OVER_Q]; OVER_SPEED]; 2],
+            bends: Vec::new(),
+        }
+    }
+
     /// The effort at a state.
     pub(super) fn effort(&self, q: f64, dq: f64) -> f64 {
         let (piece, u) = self.load_over.place(q);
@@ -137,37 +156,6 @@ impl Pieces {
             // c depends on the root of the speed, whose derivative times the speed is half the root.
             through * (c + 0.5 * speed.sqrt() * c_by_root),
         ]
-    }
-
-    /// Adds the efforts at a block of states.
-    #[inline(always)]
-    pub(super) fn add(&self, q: &[f64; BLOCK], dq: &[f64; BLOCK], out: &mut [f64; BLOCK]) {
-        let (mut piece, mut u) = ([0; BLOCK], [0.0; BLOCK]);
-        let (mut cell, mut v, mut w) = ([0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
-        for k in 0..BLOCK {
-            (piece[k], u[k]) = self.load_over.place(q[k]);
-        }
-        for k in 0..BLOCK {
-            (cell[k], v[k], w[k]) = self.damping_place(q[k], dq[k], dq[k].abs());
-        }
-        let mut size = [0.0; BLOCK];
-        for k in 0..BLOCK {
-            out[k] += self.load(piece[k], u[k]);
-            size[k] = self.damping(cell[k], v[k], w[k]) * dq[k].abs();
-        }
-        if !self.bends.is_empty() {
-            let before = size;
-            for [[at, change], [at_back, change_back]] in &self.bends {
-                for k in 0..BLOCK {
-                    let back = dq[k] < 0.0;
-                    let over = before[k] - if back { *at_back } else { *at };
-                    size[k] += if back { *change_back } else { *change } * over.max(0.0);
-                }
-            }
-        }
-        for k in 0..BLOCK {
-            out[k] += if dq[k] < 0.0 { -size[k] } else { size[k] };
-        }
     }
 
     /// Index of a damping's cell, and the places in it over q and over the root of the speed.
@@ -274,7 +262,7 @@ fn powers<const N: usize>(degree: usize) -> [[f64; N]; N] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::mechanism::{Bend, Valve};
     use crate::spline::Basis;
@@ -287,7 +275,20 @@ mod tests {
         (*seed >> 11) as f64 / (1_u64 << 53) as f64
     }
 
+    /// Load over -0.2 to 1 and damping over -0.3 to 1.1.
     fn mechanism(
+        seed: u64,
+        pieces: [usize; 3],
+        degree: [usize; 3],
+        bends: [usize; 2],
+    ) -> TwinMechanism {
+        over([[-0.2, 1.0], [-0.3, 1.1]], seed, pieces, degree, bends)
+    }
+
+    /// Load and damping over intervals; pieces and degrees of the load, of the damping over q and over the root of the speed; bends of
+    /// the valves of both ways.
+    pub(in crate::twin) fn over(
+        [load_over, interval_q]: [[f64; 2]; 2],
         seed: u64,
         pieces: [usize; 3],
         degree: [usize; 3],
@@ -298,7 +299,7 @@ mod tests {
         let [load, over_q, over_root] = pieces;
         let functions = (over_q + degree[1]) * (over_root + degree[2]);
         let damping = bends.map(|bends| SurfaceSpline {
-            interval_q: [-0.3, 1.1],
+            interval_q,
             interval_sqrt_speed: [0.0, 1.4],
             pieces: [over_q, over_root],
             degree: [degree[1], degree[2]],
@@ -315,7 +316,7 @@ mod tests {
         TwinMechanism {
             kind: "spline".to_owned(),
             load: Spline {
-                interval: [-0.2, 1.0],
+                interval: load_over,
                 pieces: load,
                 degree: degree[0],
                 coefficients: many(load + degree[0]),
@@ -359,9 +360,6 @@ mod tests {
             let of = mechanism(seed, [load.0, over_q.0, over_root.0], [load.1, over_q.1, over_root.1], [bends.0, bends.1]);
             let (pieces, wanted) = (Pieces::of(&of), by_basis(&of, q, dq));
             prop_assert!((pieces.effort(q, dq) - wanted).abs() < 1e-9 * wanted.abs().max(1.0));
-            let mut block = [0.0; BLOCK];
-            pieces.add(&[q; BLOCK], &[dq; BLOCK], &mut block);
-            prop_assert!(block.iter().all(|effort| (effort - wanted).abs() < 1e-9 * wanted.abs().max(1.0)));
         }
 
         #[test]

@@ -189,6 +189,7 @@ impl Scene {
             },
             gripper_width: Vec::new(),
             temperature: Vec::new(),
+            angular_rate: Vec::new(),
             aria_device_from_tcp: pose7(&device_from_tcp),
             tcp_from_ft_sensor: pose7(&tcp_from_sensor),
             marks,
@@ -277,6 +278,7 @@ pub fn calibration() -> Calibration {
             value: BIAS,
             std: [0.02, 0.02, 0.02, 0.002, 0.002, 0.002],
         }),
+        covariance: None,
     }
 }
 

@@ -40,7 +40,7 @@ const WINDOW: Duration = Duration::from_millis(400);
 /// Where ours and the bare publisher listen.
 const ENDPOINTS: [&str; 2] = ["tcp/127.0.0.1:17991", "tcp/127.0.0.1:17992"];
 const KEY: &str = "0/ft/wrench/**";
-/// The bound of issue 7 on p50 and p99.
+/// How many times bare the p50 and the p99 may be.
 const BOUND: f64 = 1.3;
 
 type Failure = Box<dyn std::error::Error>;

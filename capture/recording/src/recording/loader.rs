@@ -15,7 +15,7 @@ use super::{
 use crate::calibration::Calibration;
 use crate::error::{ReadError, TopicList};
 use crate::message::{
-    JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped,
+    Imu, JointState, Message, PoseStamped, TFMessage, Temperature, Text, WrenchStamped,
 };
 use crate::reader::{Channel, Damage, RawMessage, Record, Schema, UnknownChannels};
 use crate::recover::loss_before_recovery;
@@ -32,6 +32,7 @@ enum Role {
     AriaPose,
     Gripper,
     Temperature,
+    Imu,
     TfStatic,
     Marks,
     Other,
@@ -45,6 +46,7 @@ impl Role {
             topic::ARIA_POSE => Self::AriaPose,
             topic::GRIPPER => Self::Gripper,
             topic::TEMPERATURE => Self::Temperature,
+            topic::IMU => Self::Imu,
             topic::TF_STATIC => Self::TfStatic,
             topic::MARKS => Self::Marks,
             _ => Self::Other,
@@ -57,6 +59,7 @@ impl Role {
             Self::TcpPose | Self::AriaPose => PoseStamped::TYPE_NAME,
             Self::Gripper => JointState::TYPE_NAME,
             Self::Temperature => Temperature::TYPE_NAME,
+            Self::Imu => Imu::TYPE_NAME,
             Self::TfStatic => TFMessage::TYPE_NAME,
             Self::Marks => Text::TYPE_NAME,
             Self::Other => "",
@@ -80,6 +83,7 @@ pub(super) struct Loader<'a> {
     aria: Track<Pose7>,
     gripper: Track<f64>,
     temperature: Track<f64>,
+    angular_rate: Track<[f64; 3]>,
     marks: Track<String>,
     transforms: StaticTransforms,
     calibration: Option<BTreeMap<String, String>>,
@@ -101,6 +105,7 @@ impl<'a> Loader<'a> {
             aria: Track::default(),
             gripper: Track::default(),
             temperature: Track::default(),
+            angular_rate: Track::default(),
             marks: Track::default(),
             transforms: StaticTransforms::default(),
             calibration: None,
@@ -195,6 +200,12 @@ impl<'a> Loader<'a> {
                 self.temperature
                     .push(reading.header.stamp.into(), value, health);
             }),
+            Role::Imu => Imu::decode(data).map(|imu| {
+                let finite = |rate: &[f64; 3]| rate.iter().all(|value| value.is_finite());
+                let rate = imu.rate().filter(finite);
+                self.angular_rate
+                    .push(imu.header.stamp.into(), rate, health);
+            }),
             Role::TfStatic => TFMessage::decode(data).map(|tf| {
                 for transform in &tf.transforms {
                     health.non_finite += u64::from(!self.transforms.add(transform));
@@ -232,6 +243,7 @@ impl<'a> Loader<'a> {
         let aria = self.settle(Role::AriaPose, |loader| &mut loader.aria);
         let gripper_width = self.settle(Role::Gripper, |loader| &mut loader.gripper);
         let temperature = self.settle(Role::Temperature, |loader| &mut loader.temperature);
+        let angular_rate = self.settle(Role::Imu, |loader| &mut loader.angular_rate);
         let marks = self.settle(Role::Marks, |loader| &mut loader.marks);
         if wrench.is_empty() {
             return Err(self.missing(path, &[Role::Wrench], truncated));
@@ -262,6 +274,7 @@ impl<'a> Loader<'a> {
             pose,
             gripper_width,
             temperature,
+            angular_rate,
             aria_device_from_tcp: between(AriaDevice::NAME, Tcp::NAME),
             tcp_from_ft_sensor: between(Tcp::NAME, FtSensor::NAME),
             marks,

@@ -4,12 +4,13 @@ use crate::error::ReadError;
 use crate::topic;
 
 /// Topics that a recording may be read from, by the names of the contract.
-const KNOWN: [&str; 7] = [
+const KNOWN: [&str; 8] = [
     topic::WRENCH,
     topic::TCP_POSE,
     topic::ARIA_POSE,
     topic::GRIPPER,
     topic::TEMPERATURE,
+    topic::IMU,
     topic::TF_STATIC,
     topic::MARKS,
 ];
@@ -55,7 +56,7 @@ impl TopicMap {
         if !KNOWN.contains(&to) {
             return wrong(
                 "the name after the = must be one of /ft/wrench, /tcp/pose, /aria/pose, /gripper/joint_states, \
-                 /ft/temperature, /tf_static, /marks",
+                 /ft/temperature, /ft/imu, /tf_static, /marks",
             );
         }
         if self

@@ -129,6 +129,7 @@ pub(crate) fn calibration() -> Calibration {
             std: [1e-4; 6],
         },
         wrench_bias: None,
+        covariance: None,
     }
 }
 

@@ -6,6 +6,7 @@ use clap::Args;
 use ft_capture::calibrate::{CalibrateOptions, Outputs, calibrate_file};
 use ft_recording::TopicMap;
 
+use crate::files::refuse_source;
 use crate::terminal::say;
 use crate::{CommandResult, Outcome};
 
@@ -16,7 +17,8 @@ const EXAMPLES: &str = "Examples:
   ft-capture calibrate door.mcap -o door-cal.mcap --align           and shift the poses by the offset found
   ft-capture calibrate shake.mcap --find-rotation --toml cal.toml   the sensor's rotation on the tool too, as [frames]
 
-Hold the tool still for 2 s in four orientations or more, then shake and turn it for 10 s, in free air.";
+Hold the tool still for 2 s in four orientations or more, then shake and turn it for 10 s, in free air. A gyroscope in the recording that
+has the wrench's clock (/ft/imu, or --map /their/imu=/ft/imu) checks the offset found. --json has everything, the covariance too.";
 
 /// What to calibrate.
 #[derive(Debug, Args)]
@@ -88,6 +90,9 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> CommandResult {
         shift: arguments.align,
         overwrite: arguments.force,
     };
+    if let Some(output) = &arguments.output {
+        refuse_source(&arguments.file, output)?;
+    }
     let found = calibrate_file(&arguments.file, &map, &options, &outputs)?;
     if arguments.json {
         say(&serde_json::to_string_pretty(&found)?)?;

@@ -4,14 +4,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ft_capture::calibrate::CalibrateOptions;
-use ft_capture::config::Config;
+use ft_capture::config::{Config, ConfigError};
 use ft_capture::import::aria::{AriaOptions, import_aria};
-use ft_capture::import::bag::{HOI_TEMPERATURE, HOI_WRENCH, import_bag};
+use ft_capture::import::bag::{BagTopics, import_bag};
 use ft_capture::import::hoi;
 use ft_capture::import::tables::{RowTime, TableOptions, import_tables};
 use ft_recording::TopicMap;
 
 use crate::calibrate::{positive, seconds_range};
+use crate::files::refuse_source;
 use crate::terminal::say;
 use crate::{CommandResult, Outcome};
 
@@ -21,7 +22,8 @@ const ARIA_EXAMPLES: &str = "Examples:
   ft-capture import-aria rec.mcap --mps mps/ --starts-at 38.5 -o door.mcap      no utc, or a wrong one: 38.5 s after the first wrench, +-10 s
 
 The offset between the glasses and the wrench is found from the free air (marks free_air_begin and grasp): shake and turn
-the tool there for 10 s. --no-align keeps the times as they are.";
+the tool there for 10 s. --no-align keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the
+result: /ft/imu, or another name by --map /their/imu=/ft/imu.";
 
 /// What to import.
 #[derive(Debug, Args)]
@@ -72,7 +74,13 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
     let frames = arguments
         .frames
         .as_deref()
-        .map(|path| Config::load(path).map(|config| config.frames))
+        .map(|path| match Config::load(path) {
+            Ok(config) => Ok(config.frames),
+            Err(ConfigError::Unreadable { path, source }) => {
+                Err(format!("--frames {}: {source}", path.display()).into())
+            }
+            Err(error) => Err(Box::<dyn std::error::Error>::from(error)),
+        })
         .transpose()?;
     let options = AriaOptions {
         frames,
@@ -88,6 +96,7 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         map: TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?,
         overwrite: arguments.force,
     };
+    refuse_source(&arguments.recording, &arguments.output)?;
     let report = import_aria(
         &arguments.recording,
         &arguments.mps,
@@ -313,11 +322,14 @@ pub(crate) struct BagArguments {
     #[arg(short, long, value_name = "FILE.mcap")]
     output: PathBuf,
     /// Topic of the wrench, geometry_msgs/WrenchStamped
-    #[arg(long, value_name = "TOPIC", default_value = HOI_WRENCH)]
+    #[arg(long, value_name = "TOPIC", default_value = BagTopics::HOI.wrench)]
     wrench: String,
     /// Topic of the sensor's temperature, sensor_msgs/Temperature; may be missing
-    #[arg(long, value_name = "TOPIC", default_value = HOI_TEMPERATURE)]
+    #[arg(long, value_name = "TOPIC", default_value = BagTopics::HOI.temperature)]
     temperature: String,
+    /// Topic of an inertial unit on the gripper by the wrench's clock, sensor_msgs/Imu; may be missing. Its gyroscope checks the alignment
+    #[arg(long, value_name = "TOPIC", default_value = BagTopics::HOI.imu)]
+    imu: String,
     /// Replace an existing recording
     #[arg(long)]
     force: bool,
@@ -335,8 +347,11 @@ pub(crate) fn bag(arguments: &BagArguments) -> CommandResult {
     };
     let report = import_bag(
         &arguments.bag,
-        &arguments.wrench,
-        &arguments.temperature,
+        &BagTopics {
+            wrench: &arguments.wrench,
+            temperature: &arguments.temperature,
+            imu: &arguments.imu,
+        },
         &arguments.output,
         arguments.force,
         &mut |bytes, of| {

@@ -150,8 +150,10 @@ impl std::str::FromStr for Speed {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// List serial ports, CAN interfaces and HID axes, and which driver may take them
+    #[command(after_help = files::DEVICES_EXAMPLES)]
     Devices,
     /// Write a first configuration from what is plugged in
+    #[command(after_help = files::INIT_EXAMPLES)]
     Init {
         /// The configuration
         #[arg(short, long, value_name = "FILE", default_value = "capture.toml")]
@@ -161,6 +163,7 @@ enum Command {
         force: bool,
     },
     /// Tell whether a recording is whole: rates, gaps, losses, one verdict
+    #[command(after_help = files::CHECK_EXAMPLES)]
     Check {
         /// The recording
         file: PathBuf,
@@ -178,6 +181,7 @@ enum Command {
         json: bool,
     },
     /// Make a complete recording of what a crash left
+    #[command(after_help = files::RECOVER_EXAMPLES)]
     Recover {
         /// The partial or damaged recording; it is not changed
         file: PathBuf,
@@ -192,6 +196,7 @@ enum Command {
         json: bool,
     },
     /// Send a recording's raw frames through the drivers again, into a new recording
+    #[command(after_help = files::REPLAY_EXAMPLES)]
     Replay {
         /// The recording
         file: PathBuf,

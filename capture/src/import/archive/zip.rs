@@ -272,10 +272,14 @@ fn entries(window: &Window) -> Result<Vec<Entry>, ZipError> {
     Ok(entries)
 }
 
-/// Images, which are most of such archives, are not even remembered.
+/// Images, which are most of such archives, are not even remembered, and what macOS puts beside each file is none.
 fn is_of_use(name: &str) -> bool {
     let kinds = [".csv", ".yaml", ".yml", ".json", ".jsonl", ".zip"];
-    kinds.iter().any(|kind| name.ends_with(kind)) && !name.starts_with("__MACOSX/")
+    let is_hidden = name
+        .rsplit('/')
+        .next()
+        .is_some_and(|last| last.starts_with('.'));
+    kinds.iter().any(|kind| name.ends_with(kind)) && !name.starts_with("__MACOSX/") && !is_hidden
 }
 
 /// The extra field 1 of an entry: its numbers of 64 bits.

@@ -19,9 +19,7 @@ pub(super) struct MpsFolder {
 impl MpsFolder {
     /// `path` is a trajectory, its folder, or the folder above `slam/`.
     pub(super) fn find(path: &Path) -> Result<Self, ImportError> {
-        if !path.exists() {
-            return Err(io("find", path)(std::io::ErrorKind::NotFound.into()));
-        }
+        std::fs::metadata(path).map_err(io("find", path))?;
         let is_open = |file: &Path| {
             file.file_name()
                 .is_some_and(|name| name.to_string_lossy().starts_with("open_loop"))

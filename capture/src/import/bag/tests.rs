@@ -53,8 +53,9 @@ type Read = (Vec<Stamped<[f64; 6]>>, records::Scanned, usize);
 /// What is read of `bytes`.
 fn read(bytes: &[u8]) -> Result<Read, String> {
     let mut samples = Samples {
-        wrench: Wanted::new("/w", WRENCH_TYPE),
-        temperature: Wanted::new("/t", TEMPERATURE_TYPE),
+        wrench: Wanted::new("/w", WRENCH_TYPE, 0),
+        temperature: Wanted::new("/t", TEMPERATURE_TYPE, 0),
+        imu: Wanted::new("/i", IMU_TYPE, BEFORE_RATE),
     };
     // Records that straddle what is buffered are put together.
     let mut records = Records::new(BufReader::with_capacity(7, bytes));
@@ -124,7 +125,12 @@ fn a_topic_of_another_type_is_no_wrench_and_is_named() {
         [START, &chunk(b"none", b"geometry_msgs/TwistStamped")].concat(),
     )
     .unwrap();
-    let text = import_bag(&path, "/w", "/t", &out, false, &mut |_, _| {})
+    let topics = |temperature| BagTopics {
+        wrench: "/w",
+        temperature,
+        imu: "/i",
+    };
+    let text = import_bag(&path, &topics("/t"), &out, false, &mut |_, _| {})
         .unwrap_err()
         .to_string();
     assert!(
@@ -135,13 +141,39 @@ fn a_topic_of_another_type_is_no_wrench_and_is_named() {
     assert!(!out.exists());
     // A temperature of another type is told, and stops nothing.
     std::fs::write(&path, bag(b"none")).unwrap();
-    let report = import_bag(&path, "/w", "/w", &out, false, &mut |_, _| {}).unwrap();
+    let report = import_bag(&path, &topics("/w"), &out, false, &mut |_, _| {}).unwrap();
     assert!(
         report
             .to_string()
-            .contains("no temperature: /w (geometry_msgs/WrenchStamped) is of another type"),
+            .contains("not read: /w (geometry_msgs/WrenchStamped) is of another type"),
         "{report}"
     );
+}
+
+/// An `Imu` of the rates 1, 2, 3 rad/s, whose covariance begins with `covariance`.
+fn imu(second: u32, covariance: f64) -> Vec<u8> {
+    let mut data = [9_u32, second, 250, 2].map(u32::to_le_bytes).concat();
+    data.extend(b"ft");
+    // Orientation and its covariance, which say nothing.
+    let mut numbers = vec![f64::NAN; 13];
+    numbers.extend([1.0, 2.0, 3.0, covariance]);
+    numbers.extend([0.0; 8 + 3 + 9]);
+    data.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    data
+}
+
+#[test]
+fn the_angular_rate_of_an_inertial_unit_is_read_where_it_is_measured() {
+    let mut wanted: Wanted<'_, 4> = Wanted::new("/i", IMU_TYPE, BEFORE_RATE);
+    for (second, covariance) in [(7, 0.0), (6, 1e-4), (8, -1.0)] {
+        wanted.take(&imu(second, covariance));
+    }
+    wanted.take(&imu(9, 0.0)[..100]);
+    let rates = wanted.measured();
+    let stamps: Vec<_> = rates.iter().map(|rate| rate.at.as_nanos()).collect();
+    assert_eq!(stamps, [6_000_000_250, 7_000_000_250]);
+    assert_eq!(rates[0].value, [1.0, 2.0, 3.0]);
+    assert_eq!(wanted.left_out, 2);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! The files of one recording: wrench, temperature, trajectory, and the calibration between them.
 
+use std::path::Path;
+
 use ft_recording::Stamped;
 use ft_wire::HostTime;
 
@@ -7,6 +9,7 @@ use super::{BAG, HoiPart, VRS};
 use crate::config::Frames;
 use crate::import::archive::{Found, Tree};
 use crate::import::aria::static_pose;
+use crate::import::clock_map::median;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
 use crate::import::table::Table;
@@ -20,6 +23,33 @@ pub(super) struct Import<'a> {
     pub(super) missing: Vec<String>,
     /// Wrenches that are not finite, or stamped as another.
     pub(super) left_out: u64,
+}
+
+/// Median time between wrenches that is believed, s.
+const STEPS_S: (f64, f64) = (5e-5, 0.5);
+/// Fewer rows show no pace.
+const MIN_JUDGED: usize = 20;
+
+/// Stamps in s, ms or us would put years of wrenches into seconds; nothing after could say so.
+fn refuse_other_units(
+    samples: &[Stamped<[f64; 6]>],
+    rows: usize,
+    path: &Path,
+) -> Result<(), ImportError> {
+    let steps = samples
+        .windows(2)
+        .map(|pair| pair[1].at.seconds_since(pair[0].at));
+    let step = median(steps.collect()).unwrap_or(0.0);
+    if rows < MIN_JUDGED || (STEPS_S.0..STEPS_S.1).contains(&step) {
+        return Ok(());
+    }
+    Err(ImportError::Content {
+        path: path.to_owned(),
+        reason: format!(
+            "wrenches stand {step:.3e} s apart, expected {:.0e} to {} s: timestamp must be in ns since 1970",
+            STEPS_S.0, STEPS_S.1
+        ),
+    })
 }
 
 impl Import<'_> {
@@ -111,6 +141,7 @@ impl Import<'_> {
                 reason: format!("{} usable wrenches, need at least 2", samples.len()),
             });
         }
+        refuse_other_units(&samples, table.len(), &found.path)?;
         Ok(samples)
     }
 

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::GyroCheck;
 use crate::calibrate::Alignment;
+use crate::gyro::GyroCheck;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
 
 /// What became of a recording.
@@ -53,9 +53,6 @@ pub enum HoiCalibration {
         quiet_s: f64,
     },
 }
-
-/// Beyond this a gyroscope contradicts the stamps that were written, ms.
-const AGREES_MS: f64 = 5.0;
 
 impl fmt::Display for HoiReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -105,17 +102,7 @@ impl fmt::Display for HoiReport {
             write!(f, "\n  {alignment}")?;
         }
         if let Some(check) = &self.gyro_check {
-            let says = if check.offset_ms.abs() <= AGREES_MS {
-                "agrees to"
-            } else {
-                "DISAGREES: the poses' stamps are off by"
-            };
-            write!(
-                f,
-                "\n  the sensor's gyroscope {says} {:+.1} ms ({:.0} % of the turns)",
-                check.offset_ms,
-                100.0 * check.explained
-            )?;
+            write!(f, "\n  the sensor's gyroscope {check}")?;
         }
         for doubt in &self.doubts {
             write!(f, "\n  doubtful: {doubt}")?;

@@ -1,9 +1,13 @@
-//! A check of the time between poses and wrench by the sensor's own gyroscope, which has the wrench's clock.
+//! A check of the time between poses and wrench by a gyroscope that has the wrench's clock.
 //!
 //! The size of the angular rate is the same in all axes of a rigid tool, so that nothing need be known of how the gyroscope is turned:
-//! its mean over 40 ms is compared with the angle that the poses turn by meanwhile, at shifts of up to half a second.
+//! its mean over 40 ms is compared with the angle that the poses turn by meanwhile, at shifts of up to half a second. It says nothing of
+//! poses that are further off, or of a tool that hardly turned.
 
-use ft_recording::{Pose7, Stamped};
+use std::fmt;
+
+use ft_recording::message::{Imu, Message};
+use ft_recording::{Pose7, Recording, Stamped, topic};
 use ft_wire::HostTime;
 use serde::Serialize;
 
@@ -15,27 +19,92 @@ const STEP_NS: i64 = 5_000_000;
 const SHIFTS: i64 = 100;
 /// Rows that a check needs: 5 s.
 const MIN_ROWS: usize = 1_000;
+/// Rows that it takes of a long recording, evenly.
+const MAX_ROWS: usize = 20_000;
 /// Rates must vary by so much, rad/s rms about their mean, ...
 const MIN_MOTION: f64 = 0.1;
 /// ... and the gyroscope must explain so much of what the poses turn.
 const MIN_EXPLAINED: f64 = 0.8;
+/// Beyond this a gyroscope contradicts the stamps, ms.
+const AGREES_MS: f64 = 5.0;
 
 /// What the gyroscope says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct GyroCheck {
-    /// To add to the poses' stamps after all that was added, ms.
+    /// To add to the poses' stamps, ms.
     pub offset_ms: f64,
     /// Share of the variance of the poses' angular rate that the gyroscope's explains at that shift.
     pub explained: f64,
 }
 
-/// Compares the poses' angular rate with the gyroscope's, rad/s; `None` when there is too little of either, they move too little, or do
-/// not belong to each other.
-pub(super) fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<GyroCheck> {
+impl GyroCheck {
+    /// Whether the stamps are right by the gyroscope, to 5 ms.
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        self.offset_ms.abs() <= AGREES_MS
+    }
+}
+
+impl fmt::Display for GyroCheck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let says = if self.agrees() {
+            "agrees to"
+        } else {
+            "DISAGREES: the poses' stamps are off by"
+        };
+        let (offset, percent) = (self.offset_ms, 100.0 * self.explained);
+        write!(f, "{says} {offset:+.1} ms ({percent:.0} % of the turns)")
+    }
+}
+
+/// What the gyroscope of a recording says of its poses' stamps.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gyroscope {
+    /// They were compared.
+    Compared(GyroCheck),
+    /// They were not, and why.
+    NotCompared(String),
+}
+
+impl Gyroscope {
+    /// Compares `poses` with the gyroscope of `recording`; `None` when it has no inertial unit.
+    #[must_use]
+    pub fn of(recording: &Recording, poses: &[Stamped<Pose7>]) -> Option<Self> {
+        if recording.angular_rate.is_empty() {
+            let mut topics = recording.health.topics.iter();
+            let (name, _) = topics.find(|(_, health)| health.kind == Imu::TYPE_NAME)?;
+            return Some(Self::NotCompared(format!(
+                "{name} is an inertial unit; if it has the wrench's clock, --map {name}={} compares its turns with the poses'",
+                topic::IMU
+            )));
+        }
+        let found = check(poses, &recording.angular_rate);
+        Some(found.map_or_else(|| Self::NotCompared(NOT_SEEN.to_owned()), Self::Compared))
+    }
+}
+
+impl fmt::Display for Gyroscope {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Compared(check) => write!(f, "the gyroscope {check}"),
+            Self::NotCompared(reason) => write!(f, "no check by a gyroscope: {reason}"),
+        }
+    }
+}
+
+/// Why there is no check although there is a gyroscope.
+pub(crate) const NOT_SEEN: &str = "the gyroscope and the poses do not show the same turns within 0.5 s, or the tool hardly turned";
+
+/// Compares the poses' angular rate with the gyroscope's, rad/s; both by time. `None` when there is too little of either, they move too
+/// little, or do not belong to each other.
+#[must_use]
+pub fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<GyroCheck> {
     let (first, last) = (poses.first()?.at.as_nanos(), poses.last()?.at.as_nanos());
     let sums = sums(gyro);
+    let every = (last.saturating_sub(first) / STEP_NS / MAX_ROWS as i64).max(0) + 1;
     let turned: Vec<(i64, f64)> = (1..)
-        .map(|k| first + HALF_NS + k * STEP_NS)
+        .map(|k| first + HALF_NS + k * every * STEP_NS)
         .take_while(|at| *at < last - HALF_NS)
         .filter_map(|at| turn(poses, at))
         .collect();
