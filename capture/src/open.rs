@@ -110,7 +110,7 @@ impl DriverUser for Spawn<'_> {
         }
         let mut port = RememberedPort::serial(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
-            SerialLink::open(&port.path()?, baud_bps, clock)
+            port.open(|path| SerialLink::open(path, baud_bps, clock))
         })
     }
 
@@ -143,7 +143,7 @@ impl DriverUser for Spawn<'_> {
         let clock = self.clock;
         let mut port = RememberedPort::hid(Path::new(&self.device.port));
         Self::start(self.device, self.thread, make, move || {
-            HidrawLink::open(&port.path()?, clock)
+            port.open(|path| HidrawLink::open(path, clock))
         })
     }
 }

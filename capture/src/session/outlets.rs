@@ -55,9 +55,9 @@ impl Outlets {
     }
 
     /// Waits for recorders: [`ZenohSink::settle`].
-    pub(super) fn settle(&mut self, clock: MonotonicClock, longest: Duration) {
+    pub(super) fn settle(&mut self, clock: MonotonicClock, patience: Duration, longest: Duration) {
         if let Some(sink) = &mut self.zenoh {
-            sink.settle(clock, longest);
+            sink.settle(clock, patience, longest);
         }
     }
 

@@ -27,8 +27,10 @@ use crate::sink::SinkError;
 use crate::sink::zenoh::ZenohSink;
 use crate::web::{self, Server};
 
-/// How long recorders on other machines may still ask for what they missed.
-const SETTLE: Duration = Duration::from_secs(10);
+/// How long recorders on other machines may ask for what they missed without getting any further.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// How long they may ask in all.
+const LONGEST: Duration = Duration::from_secs(120);
 
 /// What looks on.
 #[derive(Debug)]
@@ -156,7 +158,7 @@ impl Publisher {
                 if refused > 0 {
                     surroundings.log(&format!("{refused} messages could not be published"));
                 }
-                outlets.settle(clock, SETTLE);
+                outlets.settle(clock, PATIENCE, LONGEST);
             }
             Some(Err(_)) => surroundings.log("the publisher thread panicked: please report this"),
         }

@@ -136,14 +136,19 @@ impl ZenohSink {
         })
     }
 
-    /// Nothing is published any more: waits until every recorder has what was, but at most for `longest`, and not for
-    /// recorders of which nothing was heard for some seconds.
-    pub fn settle(&mut self, clock: MonotonicClock, longest: Duration) {
+    /// Nothing is published any more: waits until every recorder has what was. Not for recorders of which nothing was heard
+    /// for some seconds, at most for `patience` while none of them gets any further, and never longer than `longest`.
+    pub fn settle(&mut self, clock: MonotonicClock, patience: Duration, longest: Duration) {
         let over = clock.now() + longest;
-        while clock.now() < over && self.is_waited_for(clock.now()) {
+        let (mut progress, mut give_up) = (self.recorders.progress(), clock.now() + patience);
+        while clock.now() < over.min(give_up) && self.is_waited_for(clock.now()) {
             // Without a network nobody hears it, and they are gone soon.
             let _ = self.beat();
             clock.wait_until(clock.now() + LAST_HEARTBEAT);
+            let now_at = self.recorders.progress();
+            if now_at > progress {
+                (progress, give_up) = (now_at, clock.now() + patience);
+            }
         }
     }
 

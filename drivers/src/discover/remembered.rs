@@ -71,6 +71,31 @@ impl RememberedPort {
         self.path_among((self.there_are)())
     }
 
+    /// Opens the port where it is now, and looks again: between look and opening another device may have come to its name.
+    ///
+    /// # Errors
+    /// Those of [`RememberedPort::path`] and of `open`; the other device is let go.
+    pub fn open<L>(
+        &mut self,
+        open: impl FnOnce(&Path) -> Result<L, LinkError>,
+    ) -> Result<L, LinkError> {
+        self.open_among(self.there_are, open)
+    }
+
+    pub(super) fn open_among<L>(
+        &mut self,
+        mut there_are: impl FnMut() -> Vec<Place>,
+        open: impl FnOnce(&Path) -> Result<L, LinkError>,
+    ) -> Result<L, LinkError> {
+        let path = self.path_among(there_are())?;
+        let link = open(&path)?;
+        if self.path_among(there_are())? == path {
+            return Ok(link);
+        }
+        let port = path.display().to_string();
+        Err(LinkError::Gone { port })
+    }
+
     pub(super) fn path_among(&mut self, places: Vec<Place>) -> Result<PathBuf, LinkError> {
         let node = fs::canonicalize(&self.configured).unwrap_or_else(|_| self.configured.clone());
         let there = places.iter().find(|place| place.path == node);

@@ -1,7 +1,9 @@
 use std::collections::BTreeSet;
 use std::os::unix::fs::symlink;
 
+use super::remembered::Place;
 use super::*;
+use crate::LinkError;
 
 const RULES: &str = include_str!("../../../udev/70-ft-capture.rules");
 
@@ -280,6 +282,22 @@ fn a_port_is_found_again_by_its_serial_number_under_another_name() {
         refused,
         "/dev/ttyFT90: the device there has serial number B2, the one that was there had A1: plug that one in"
     );
+}
+
+#[test]
+fn a_device_that_takes_the_name_while_it_is_opened_is_let_go() {
+    let first = Path::new("/dev/ttyFT90");
+    let [mine, other] = ["A1", "B2"].map(|serial| vec![(&port("/dev/ttyFT90", serial)).into()]);
+    let mut remembered = RememberedPort::serial(first);
+    let mut open = |before: &Vec<Place>, after: &Vec<Place>| {
+        let mut looks = vec![after.clone(), before.clone()];
+        remembered.open_among(|| looks.pop().unwrap(), |path| Ok(path.to_owned()))
+    };
+    assert_eq!(open(&mine, &mine).unwrap(), first);
+    // Nothing was there when it was looked for, and the other one when it was opened.
+    let taken = open(&Vec::new(), &other).unwrap_err();
+    assert!(matches!(taken, LinkError::Other { .. }), "{taken}");
+    assert_eq!(open(&Vec::new(), &mine).unwrap(), first);
 }
 
 #[test]

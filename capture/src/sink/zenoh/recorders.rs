@@ -57,8 +57,10 @@ type Reports = HashMap<(usize, String), (i64, HostTime)>;
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Recorders {
+    shelves: Vec<Arc<Shelf>>,
     asked: Sender<Asked>,
     reports: Arc<Mutex<Reports>>,
+    clock: MonotonicClock,
 }
 
 impl Recorders {
@@ -66,23 +68,42 @@ impl Recorders {
     pub(super) fn start(shelves: Vec<Arc<Shelf>>, clock: MonotonicClock) -> std::io::Result<Self> {
         let (asked, queries) = bounded(CAPACITY);
         let reports = Arc::new(Mutex::new(Reports::new()));
-        let desk = Desk {
-            shelves,
-            reports: Arc::clone(&reports),
-            clock,
-        };
+        let desk = shelves.clone();
         std::thread::Builder::new()
             .name("ft-answers".to_owned())
-            .spawn(move || desk.answer_until_closed(&queries))?;
-        Ok(Self { asked, reports })
+            .spawn(move || answer_until_closed(&desk, &queries))?;
+        Ok(Self {
+            shelves,
+            asked,
+            reports,
+            clock,
+        })
     }
 
-    /// Where queries about the publisher `index` go; never waits.
+    /// Where queries about the publisher `index` go; it does not wait for who asks. A report counts at once: its answer may
+    /// have to wait until all that was asked for before has crossed a slow network.
     pub(super) fn desk(&self, index: usize) -> impl Fn(Query) + Send + Sync + 'static {
         let asked = self.asked.clone();
+        let shelf = self.shelves.get(index).cloned();
+        let (reports, clock) = (Arc::clone(&self.reports), self.clock);
         move |query| {
+            let parameters = query.parameters();
+            if let (Some(by), Some(shelf)) = (parameters.get(recovery::BY), &shelf) {
+                let before = reported(parameters.get(recovery::BEFORE), shelf);
+                remember(
+                    &mut reports.lock().unwrap_or_else(PoisonError::into_inner),
+                    (index, by.to_owned()),
+                    (before, clock.now()),
+                );
+            }
             let _ = asked.try_send((query, index));
         }
+    }
+
+    /// How far all recorders are together: a sum that grows while any of them gets what it lacks.
+    pub(super) fn progress(&self) -> i64 {
+        let reports = self.reports.lock().unwrap_or_else(PoisonError::into_inner);
+        reports.values().map(|(before, _)| *before).sum()
     }
 
     /// Whether a recorder that is still there lacks messages of the publisher `index` up to `latest`.
@@ -94,49 +115,34 @@ impl Recorders {
     }
 }
 
-struct Desk {
-    shelves: Vec<Arc<Shelf>>,
-    reports: Arc<Mutex<Reports>>,
-    clock: MonotonicClock,
+fn answer_until_closed(shelves: &[Arc<Shelf>], queries: &Receiver<Asked>) {
+    while let Ok((query, index)) = queries.recv() {
+        let Some(shelf) = shelves.get(index) else {
+            continue;
+        };
+        // Who asked may be gone: then there is nobody to tell.
+        let _ = match query.parameters().get(recovery::BY) {
+            Some(_) => give_oldest(&query, shelf),
+            None => give(&query, shelf),
+        };
+    }
 }
 
-impl Desk {
-    fn answer_until_closed(&self, queries: &Receiver<Asked>) {
-        while let Ok((query, index)) = queries.recv() {
-            let Some(shelf) = self.shelves.get(index) else {
-                continue;
-            };
-            // Who asked may be gone: then there is nobody to tell.
-            let _ = match query.parameters().get(recovery::BY) {
-                Some(by) => self.take_report(&query, by, index, shelf),
-                None => give(&query, shelf),
-            };
-        }
-    }
+/// Before which number a recorder needs nothing, by what it wrote; 0 = it does not know yet.
+fn reported(before: Option<&str>, shelf: &Shelf) -> i64 {
+    let latest = shelf.with(|kept| kept.latest());
+    let before = before.and_then(|text| text.parse().ok());
+    before.map_or(0, |before| {
+        recovery::unwrapped(before, latest, wrapped_number(latest))
+    })
+}
 
-    fn take_report(
-        &self,
-        query: &Query,
-        by: &str,
-        index: usize,
-        shelf: &Shelf,
-    ) -> zenoh::Result<()> {
-        let (latest, oldest) = shelf.with(|kept| (kept.latest(), kept.oldest()));
-        let before = query.parameters().get(recovery::BEFORE);
-        let before = before.and_then(|text| text.parse().ok());
-        let before = before.map_or(0, |before| {
-            recovery::unwrapped(before, latest, wrapped_number(latest))
-        });
-        remember(
-            &mut self.reports.lock().unwrap_or_else(PoisonError::into_inner),
-            (index, by.to_owned()),
-            (before, self.clock.now()),
-        );
-        let payload = wrapped_number(oldest).to_le_bytes();
-        query
-            .reply(query.key_expr().clone(), payload.as_slice())
-            .wait()
-    }
+fn give_oldest(query: &Query, shelf: &Shelf) -> zenoh::Result<()> {
+    let oldest = shelf.with(|kept| kept.oldest());
+    let payload = wrapped_number(oldest).to_le_bytes();
+    query
+        .reply(query.key_expr().clone(), payload.as_slice())
+        .wait()
 }
 
 fn remember(reports: &mut Reports, of: (usize, String), report: (i64, HostTime)) {
