@@ -2,8 +2,8 @@
 
     soak.py CHROMIUM URL SERVER_PID SECONDS [FOLDER]
 
-Memory is taken after a garbage collection: the page's heap (bytes), and what the server holds (kB). FOLDER receives a
-screenshot at desktop and one at phone size.
+Memory is taken after a garbage collection: the page's heap (bytes), and what the server holds (kB). The server's share of a
+core is taken before the page is opened, too. FOLDER receives a screenshot at desktop and one at phone size.
 """
 
 import json
@@ -28,6 +28,9 @@ def main():
     samples = []
     with Browser(program) as browser:
         browser.resize(1280, 860)
+        begin, (_, before_s) = time.monotonic(), server(pid)
+        time.sleep(max(4.0, seconds / 30))
+        alone = (server(pid)[1] - before_s) / (time.monotonic() - begin)
         browser.call("Page.navigate", url=url)
         browser.wait_for("window.ftStats && ftStats.frames > 100", 30)
         begin = time.monotonic()
@@ -47,7 +50,7 @@ def main():
             browser.resize(390, 844, 2, True)
             browser.screenshot(f"{folder}/phone.png")
         errors = browser.errors
-    print(json.dumps({"samples": samples, "errors": errors}))
+    print(json.dumps({"alone": alone, "samples": samples, "errors": errors}))
 
 
 main()
