@@ -20,10 +20,11 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::effect::{Column, Effect, RigidBody};
 use crate::lag::{self, Lag};
-use crate::least_squares::{FitError, bounded_least_squares, effective_count, rms};
+use crate::least_squares::{Bound, FitError, bounded_least_squares, effective_count, rms};
 use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::JointSamples;
+use attenuation::Taken;
 use design::Design;
 use valved::Valved;
 
@@ -200,9 +201,21 @@ fn fit_full(
     for (j, variance) in apart.into_iter().enumerate() {
         covariance[(j, j)] += variance;
     }
-    let lacks = attenuation::taken(motion, &design, &smoothing, &theta)?;
-    if let Some(inertia) = design.names.iter().position(|name| *name == "inertia") {
-        theta[inertia] += lacks;
+    let taken = attenuation::taken(motion, &design, &smoothing, &theta)?;
+    if let Taken::Some(given) = &taken {
+        covariance = given.widened(&covariance);
+        let all = theta.iter().copied().chain(mechanism.coefficients());
+        let changed: Vec<f64> = all
+            .zip(given.change.iter())
+            .zip(&design.bounds)
+            .map(|((value, change), bound)| match bound {
+                Bound::Free => value + change,
+                Bound::NonNegative if value > 0.0 => (value + change).max(0.0),
+                Bound::NonNegative => value,
+            })
+            .collect();
+        theta.copy_from_slice(&changed[..params]);
+        mechanism.set(&changed[params..]);
     }
     let together = if jointly {
         let plain = joint::Plain {
@@ -224,6 +237,9 @@ fn fit_full(
     model.mechanism = Some(mechanism);
     if damped {
         model.withdraw_friction();
+    }
+    if let Taken::TooMuch(share) = taken {
+        model.withdraw_inertia(share);
     }
     Ok((model, together))
 }
@@ -395,6 +411,20 @@ impl EffortModel {
             let extra = lever_power(&term.name) * lever * self.theta[i];
             self.covariance[(i, i)] += extra * extra;
             term.std = term.std.map(|std| std.hypot(extra));
+        }
+    }
+
+    /// Takes back an inertia of which the tracker's noise takes the share given.
+    fn withdraw_inertia(&mut self, share: f64) {
+        let inertia = |term: &&mut Term| term.name == "inertia";
+        if let Some(term) = self.terms.iter_mut().find(inertia) {
+            (term.value, term.std) = (None, None);
+            let reason = format!(
+                "the noise of the poses is {:.0} % of the acceleration's square, which hides that much of it; shake harder, or see to it \
+                 that the tracker is less noisy",
+                100.0 * share
+            );
+            self.not_identified.insert("inertia".to_owned(), reason);
         }
     }
 

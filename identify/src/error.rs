@@ -7,6 +7,7 @@ use ft_recording::ReadError;
 use crate::dynamics::DynamicsError;
 use crate::filter::FilterError;
 use crate::motion::MotionError;
+use crate::payload::PayloadError;
 use crate::screw::SelectError;
 use crate::table::TableError;
 use crate::tool::AlignError;
@@ -88,6 +89,17 @@ pub enum IdentifyError {
         rms_m: f64,
         /// Most that a joint may leave, m.
         allowed_m: f64,
+    },
+    /// Without the tool's weight there is no effort.
+    #[error(transparent)]
+    Payload(#[from] PayloadError),
+    /// A recording that was to confirm cannot be used.
+    #[error("{} cannot confirm anything: {source}", path.display())]
+    Confirm {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        source: Box<IdentifyError>,
     },
     /// No joint can be named.
     #[error(transparent)]

@@ -205,6 +205,9 @@ pub(crate) fn covariance_of_free(gram: &DMatrix<f64>, at_bound: &[bool]) -> DMat
     full
 }
 
+/// Lags of the autocorrelation that are taken one by one before pairs of samples are taken together.
+const LAGS_AT_A_STEP: usize = 128;
+
 /// Number of independent samples that a correlated series is worth: n / (1 + 2 sum of the autocorrelation up to its
 /// first value below 0.05 or a quarter of the series). At least 2, at most n.
 ///
@@ -222,18 +225,25 @@ pub fn effective_count(series: &[f64]) -> f64 {
     if power <= 0.0 {
         return n as f64;
     }
-    let mut time = 1.0;
-    for lag in 1..n / 4 {
-        let rho = centred
-            .iter()
-            .zip(&centred[lag..])
-            .map(|(a, b)| a * b)
-            .sum::<f64>()
-            / power;
+    let (mut series, mut step, mut time) = (centred, 1, 1.0);
+    let mut lag = 1;
+    while lag * step < n / 4 {
+        let product: f64 = series.iter().zip(&series[lag..]).map(|(a, b)| a * b).sum();
+        let rho = product * step as f64 / power;
         if rho < 0.05 {
             break;
         }
-        time += 2.0 * rho;
+        time += 2.0 * rho * step as f64;
+        lag += 1;
+        if lag > LAGS_AT_A_STEP {
+            // What still holds together after so many samples does not change from one to the next.
+            series = series
+                .chunks_exact(2)
+                .map(|pair| 0.5 * (pair[0] + pair[1]))
+                .collect();
+            step *= 2;
+            lag = LAGS_AT_A_STEP / 2 + 1;
+        }
     }
     (n as f64 / time).clamp(2.0, n as f64)
 }
@@ -247,6 +257,29 @@ mod tests {
 
     fn normal(rng: &mut ChaCha8Rng) -> f64 {
         StandardNormal.sample(rng)
+    }
+
+    #[test]
+    fn a_series_that_drifts_for_an_hour_is_worth_what_all_its_lags_say() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let n = 20_000;
+        let series: Vec<f64> = (0..n)
+            .map(|i| f64::from(i) / f64::from(n) + 0.5 * normal(&mut rng))
+            .collect();
+        let mean = series.iter().sum::<f64>() / f64::from(n);
+        let centred: Vec<f64> = series.iter().map(|v| v - mean).collect();
+        let at = |lag: usize| -> f64 {
+            centred
+                .iter()
+                .zip(&centred[lag..])
+                .map(|(a, b)| a * b)
+                .sum()
+        };
+        let rho = (1..series.len() / 4).map(|lag| at(lag) / at(0));
+        let time = 1.0 + 2.0 * rho.take_while(|rho| *rho >= 0.05).sum::<f64>();
+        let exact = f64::from(n) / time;
+        let found = effective_count(&series);
+        assert!((found / exact - 1.0).abs() < 0.05, "{found} {exact}");
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::payload::{Payload, PayloadError, PayloadSource};
 use crate::report::effects::TwinEffect;
 use crate::report::{Input, Joint, Report};
 use crate::samples::JointSamples;
-use crate::saturation;
+use crate::saturation::{self, Saturated};
 use crate::screw::{Candidates, JointKind, ScrewAxis, select};
 use crate::tool::{ToolKinematics, ToolSamples};
 use crate::twin::{Provenance, Source, Twin};
@@ -88,7 +88,13 @@ pub fn identify_confirmed(
 ) -> Result<Identified, IdentifyError> {
     let mut others = Vec::new();
     for other in confirm {
-        let samples = joint_samples(&Recording::load(other, map)?, settings)?;
+        let samples = Recording::load(other, map)
+            .map_err(IdentifyError::from)
+            .and_then(|recording| joint_samples(&recording, settings))
+            .map_err(|source| IdentifyError::Confirm {
+                path: other.clone(),
+                source: Box::new(source),
+            })?;
         others.push((file_name(other), samples));
     }
     let mut recording = Recording::load(path, map)?;
@@ -103,26 +109,16 @@ pub fn identify_confirmed(
 /// Joint coordinate and effort of the held part of a recording, by its own joint.
 ///
 /// # Errors
-/// [`IdentifyError`].
+/// [`IdentifyError`], also where the tool's weight is unknown.
 pub fn joint_samples(
     recording: &Recording,
     settings: &MotionSettings,
 ) -> Result<JointSamples, IdentifyError> {
     let tool = ToolSamples::from_recording(recording)?;
     let kinematics = ToolKinematics::of(&tool)?;
-    let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
-    let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
-    let joint = refine(&track, &select(&track)?);
-    let payload = payload.as_ref().ok();
-    let effort = changed_effort(
-        &tool,
-        &kinematics,
-        [&grasp.held, &grasp.free_after],
-        &joint,
-        payload,
-        settings.cutoff_hz,
-    )?;
-    Ok(effort.samples)
+    let held = Held::of(recording, &tool, &kinematics, settings, &mut |_| {})?;
+    held.payload?;
+    Ok(held.effort.samples)
 }
 
 /// Identifies a recording that was read before.
@@ -148,54 +144,14 @@ fn identify_with(
 ) -> Result<Identified, IdentifyError> {
     let kinematics = ToolKinematics::of(&tool)?;
     progress(Stage::Aligned);
-    let (grasp, payload) = grasp_and_payload(recording, &tool, &kinematics)?;
-    let held_s = grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period;
-    if held_s < MIN_HELD_S {
-        return Err(IdentifyError::HeldTooShort {
-            held_s,
-            needed_s: MIN_HELD_S,
-        });
-    }
-    progress(Stage::Payload);
-    let track = kinematic_track(&tool, &grasp.held, KINEMATIC_RATE_HZ);
-    let candidates = select(&track)?;
-    let joint = refine(&track, &candidates);
-    if grasp.source == GraspSource::WholeRecording && joint.position_rms > MOST_OFF_PATH_M {
-        return Err(IdentifyError::NotOneJoint {
-            rms_m: joint.position_rms,
-            allowed_m: MOST_OFF_PATH_M,
-        });
-    }
-    let saturated = saturation::find(&tool.wrench, &grasp.held);
-    if let Some(found) = saturated.filter(|found| found.share() > MOST_SATURATED) {
-        return Err(IdentifyError::Saturated {
-            channel: found.name(),
-            value: found.value,
-            unit: found.unit(),
-            share: found.share(),
-            allowed: MOST_SATURATED,
-        });
-    }
-    let effort = changed_effort(
-        &tool,
-        &kinematics,
-        [&grasp.held, &grasp.free_after],
-        &joint,
-        payload.as_ref().ok(),
-        settings.cutoff_hz,
-    )?;
-    if effort.nonwork.contact_rms_n < MIN_CONTACT_N {
-        return Err(IdentifyError::NoContact {
-            force_n: effort.nonwork.contact_rms_n,
-            needed_n: MIN_CONTACT_N,
-        });
-    }
-    if joint.position_rms > MOST_OFF_HELD_PATH_M {
-        return Err(IdentifyError::NeitherJoint {
-            rms_m: joint.position_rms,
-            allowed_m: MOST_OFF_HELD_PATH_M,
-        });
-    }
+    let Held {
+        grasp,
+        payload,
+        candidates,
+        joint,
+        saturated,
+        effort,
+    } = Held::of(recording, &tool, &kinematics, settings, progress)?;
     progress(Stage::Joint);
     drop(kinematics);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
@@ -222,9 +178,8 @@ fn identify_with(
         }
     };
     if let (Some(analysis), JointKind::Revolute) = (&mut analysis, joint.axis.kind) {
-        // Half of the axis's variance lies along the lever.
         let lever = joint.axis.distance(&joint.tool_position).max(1e-3);
-        let share = joint.position_std / core::f64::consts::SQRT_2 / lever;
+        let share = joint.radius_std / lever;
         analysis.full.widen_for_lever(share);
         if let Some(fit) = &mut analysis.jointly {
             fit.widen_for_lever(share);
@@ -317,6 +272,84 @@ pub fn identified_table(
         axis: None,
         path: Vec::new(),
         samples: samples.clone(),
+    }
+}
+
+/// The held part of a recording: a recording and one that confirms it are treated alike so far, and refused alike.
+struct Held {
+    grasp: Grasp,
+    payload: PayloadOutcome,
+    candidates: Candidates,
+    joint: RefinedJoint,
+    saturated: Option<Saturated>,
+    effort: JointEffort,
+}
+
+impl Held {
+    fn of(
+        recording: &Recording,
+        tool: &ToolSamples,
+        kinematics: &ToolKinematics,
+        settings: &MotionSettings,
+        progress: &mut dyn FnMut(Stage),
+    ) -> Result<Self, IdentifyError> {
+        let (grasp, payload) = grasp_and_payload(recording, tool, kinematics)?;
+        let held_s =
+            grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period;
+        if held_s < MIN_HELD_S {
+            return Err(IdentifyError::HeldTooShort {
+                held_s,
+                needed_s: MIN_HELD_S,
+            });
+        }
+        progress(Stage::Payload);
+        let track = kinematic_track(tool, &grasp.held, KINEMATIC_RATE_HZ);
+        let candidates = select(&track)?;
+        let joint = refine(&track, &candidates);
+        if grasp.source == GraspSource::WholeRecording && joint.position_rms > MOST_OFF_PATH_M {
+            return Err(IdentifyError::NotOneJoint {
+                rms_m: joint.position_rms,
+                allowed_m: MOST_OFF_PATH_M,
+            });
+        }
+        let saturated = saturation::find(&tool.wrench, &grasp.held);
+        if let Some(found) = saturated.filter(|found| found.share() > MOST_SATURATED) {
+            return Err(IdentifyError::Saturated {
+                channel: found.name(),
+                value: found.value,
+                unit: found.unit(),
+                share: found.share(),
+                allowed: MOST_SATURATED,
+            });
+        }
+        let effort = changed_effort(
+            tool,
+            kinematics,
+            [&grasp.held, &grasp.free_after],
+            &joint,
+            payload.as_ref().ok(),
+            settings.cutoff_hz,
+        )?;
+        if effort.nonwork.contact_rms_n < MIN_CONTACT_N {
+            return Err(IdentifyError::NoContact {
+                force_n: effort.nonwork.contact_rms_n,
+                needed_n: MIN_CONTACT_N,
+            });
+        }
+        if joint.position_rms > MOST_OFF_HELD_PATH_M {
+            return Err(IdentifyError::NeitherJoint {
+                rms_m: joint.position_rms,
+                allowed_m: MOST_OFF_HELD_PATH_M,
+            });
+        }
+        Ok(Self {
+            grasp,
+            payload,
+            candidates,
+            joint,
+            saturated,
+            effort,
+        })
     }
 }
 

@@ -223,7 +223,8 @@ fn holds(
     let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
     let size_here = contribution(&diagnosis.motion, &tested, theta)?;
     let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
-    Ok((gain < LEAST_SHARE * expected || gain <= 0.0).then_some([before, after]))
+    let helps = gain > 0.0 && gain >= LEAST_SHARE * expected;
+    Ok((!helps).then_some([before, after]))
 }
 
 /// Place of effect `at` among those with columns.

@@ -96,7 +96,11 @@ fn error_of(
             .zip(tool)
             .map(|((t, w), own)| t + level * w - own)
             .collect(),
-        noise_of_q: Vec::new(),
+        noise_of_q: if series.is_empty() {
+            Vec::new()
+        } else {
+            vec![noise.clone()]
+        },
         aside: crate::samples::Aside::default(),
     };
     let mut seen = Motion::prepare(&noisy, settings)?;

@@ -38,6 +38,9 @@ const DAMPING_EVIDENCE: f64 = 0.8;
 /// of I, mu and b then hold the truth in 99, 98 and 98 % of the recordings.
 const APART: f64 = 0.25;
 
+/// A smaller share of the samples than this says nothing without the others.
+const LEAST_REST: f64 = 0.05;
+
 /// Relative smoothing of load and damping that the search tries.
 const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
@@ -294,11 +297,14 @@ impl Design {
         covariance_of_free(&self.scaled(h), &at_bound)
     }
 
-    /// The inverse of the normal matrix with one smoothing, zero where a coefficient of the mechanism is at its bound.
-    pub(super) fn inverse(&self, smoothing: &[f64; 2]) -> DMatrix<f64> {
+    /// The inverse of the normal matrix with one smoothing, zero where a coefficient is at its bound.
+    pub(super) fn inverse_of_free(&self, smoothing: &[f64; 2]) -> DMatrix<f64> {
         let h = self.penalized(&self.gram, smoothing, 1.0);
         let solution = self.minimum(&h, &self.right, 1.0, None);
-        self.unscaled(&self.scaled_inverse(&h, &solution))
+        let at_bound: Vec<bool> = (0..solution.len())
+            .map(|j| self.bounds[j] == Bound::NonNegative && solution[j] == 0.0)
+            .collect();
+        self.unscaled(&covariance_of_free(&self.scaled(&h), &at_bound))
     }
 
     fn unscaled(&self, inverse: &DMatrix<f64>) -> DMatrix<f64> {
@@ -317,6 +323,9 @@ impl Design {
     ) -> Vec<f64> {
         let part = self.part(left_out);
         let share = 1.0 - part.samples as f64 / self.tau.len() as f64;
+        if share < LEAST_REST {
+            return vec![0.0; self.params];
+        }
         let fit = |h: &DMatrix<f64>, right: &DVector<f64>, share: f64| {
             let x = self.minimum(h, right, share, None);
             let at_bound: Vec<bool> = (0..x.len())

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanism::Mechanism as _;
 use crate::motion::MotionSettings;
 use crate::noise;
 use crate::samples::JointSamples;
@@ -249,7 +250,7 @@ fn what_is_left_of_a_spring_stands_against_q() {
 
 #[test]
 fn the_stated_uncertainty_covers_the_truth() {
-    let mut inside = 0;
+    let (mut inside, mut square) = (0, 0.0);
     for seed in 0..40 {
         let motion = Motion::prepare(
             &record(&PLAIN, 20.0, [8e-5, 0.2], 50 + seed),
@@ -262,8 +263,10 @@ fn the_stated_uncertainty_covers_the_truth() {
             model.std("inertia").unwrap(),
         );
         inside += usize::from((value - 2.5).abs() < 1.96 * std);
+        square += ((value - 2.5) / std).powi(2) / 40.0;
     }
     assert!(inside >= 34, "{inside} of 40 within 95 %");
+    assert!(square > 0.4, "stated far too wide: {square}");
 }
 
 /// A closer whose damping has an edge at 0.4 and a relief valve at 5 N m, past which a tenth builds up.
@@ -411,4 +414,38 @@ fn what_position_noise_takes_from_the_inertia_is_given_back() {
     let (found, untold) = (mean(&found), mean(&untold));
     assert!(found.abs() < 0.4 * untold.abs(), "{found} {untold}");
     assert!(untold < -0.005, "{untold}");
+}
+
+#[test]
+fn what_a_spring_took_for_the_inertia_goes_back_with_it() {
+    let spring = Object {
+        mechanism: |q, _| 4.0 * q,
+        ..PLAIN
+    };
+    let slope = |samples: &JointSamples| {
+        let motion = Motion::prepare(samples, &MotionSettings::default()).unwrap();
+        let fit = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
+        let mechanism = fit.mechanism.unwrap();
+        let load = |q| mechanism.effort(q, 0.0);
+        (load(0.9) - load(0.3)) / 0.6 / 4.0 - 1.0
+    };
+    let (mut found, mut untold) = (0.0_f64, 0.0_f64);
+    for seed in 0..4 {
+        let mut noisy = record(&spring, 50.0, [6e-3, 0.02], seed);
+        found += slope(&noisy) / 4.0;
+        noisy.noise_of_q.clear();
+        untold += slope(&noisy) / 4.0;
+    }
+    assert!(untold.abs() > 0.01, "{untold}");
+    assert!(found.abs() < 0.5 * untold.abs(), "{found} {untold}");
+}
+
+#[test]
+fn an_inertia_under_the_trackers_noise_is_not_claimed() {
+    let samples = record(&PLAIN, 30.0, [0.04, 0.02], 1);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let fit = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
+    assert_eq!(fit.value("inertia"), None);
+    let why = &fit.not_identified["inertia"];
+    assert!(why.contains("noise of the poses"), "{why}");
 }

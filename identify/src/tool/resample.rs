@@ -50,7 +50,8 @@ impl Stream {
     pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<[f64; 6]> {
         let (i, part) = bracket(&self.samples, t, from, self.hole)?;
         let (a, b) = (&self.samples[i].1, &self.samples[i + 1].1);
-        Some(core::array::from_fn(|k| a[k] * (1.0 - part) + b[k] * part))
+        // What stays the same stays so to the last bit: a sensor at the end of its range is found by that.
+        Some(core::array::from_fn(|k| a[k] + (b[k] - a[k]) * part))
     }
 }
 
