@@ -91,7 +91,8 @@ pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
         Wander::start(5e-3, track.period),
     ];
     let mut last = None;
-    for _ in 0..4 {
+    for round in 0..4 {
+        let before = noise;
         noise = if repeated {
             state.estimate_noise(track, uses_rotations, noise)
         } else {
@@ -99,6 +100,10 @@ pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
                 .across(track, uses_rotations)
                 .map(|series| Wander::none(&series))
         };
+        let same = |(now, before): (&Wander, &Wander)| now.is_near(before);
+        if round > 0 && noise.iter().zip(&before).all(same) {
+            break;
+        }
         let mut cost = f64::INFINITY;
         for _ in 0..12 {
             let linear = state.linearize(track, uses_rotations, &noise);
@@ -247,7 +252,7 @@ impl State {
         noise: &[Wander; 2],
     ) -> Linearized {
         let active = match (self.axis.kind, uses_rotations) {
-            (JointKind::Revolute, true) => vec![0, 1, 2, 3, 4, 5, 6, 7, 8],
+            (JointKind::Revolute, true) => vec![0, 1, 2, 3, 4, 5, 6, 7],
             (JointKind::Revolute, false) => vec![0, 1, 2, 3, 4, 5],
             (JointKind::Prismatic, true) => vec![0, 1, 4, 5, 6, 7, 8],
             (JointKind::Prismatic, false) => vec![0, 1, 4, 5],
@@ -288,13 +293,16 @@ impl State {
             self.axis.point += frame.first * g[2] + frame.second * g[3];
         }
         self.axis.direction = tilt * self.axis.direction;
-        self.r0 = UnitQuaternion::from_scaled_axis(Vector3::new(g[6], g[7], g[8])) * self.r0;
+        let [first, second, third] = frame.turns;
+        let turn = first * g[6] + second * g[7] + third * g[8];
+        self.r0 = UnitQuaternion::from_scaled_axis(turn) * self.r0;
         for ((q, wander), change) in self.q.iter_mut().zip(&mut self.wander).zip(&step.states) {
             *q += change[0];
             wander[0] += Vector3::new(change[1], change[2], change[3]);
             wander[1] += Vector3::new(change[4], change[5], change[6]);
         }
-        g.amax() < 1e-9
+        // A tenth of a micrometre, or of a microradian.
+        g.amax() < 1e-7
     }
 
     /// Derivative of the tool's distance from the axis by the geometry parameters.

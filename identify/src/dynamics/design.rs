@@ -84,13 +84,7 @@ impl Design {
         let (gram, right) = normal(&y, &tau);
         let mut bounds = self.bounds.clone();
         bounds.extend(mechanism.bounds());
-        let penalties = mechanism.penalties().map(|penalty| {
-            let mut full = DMatrix::zeros(total, total);
-            full.view_mut((params, params), penalty.shape())
-                .copy_from(&penalty);
-            full
-        });
-        Self {
+        let mut design = Self {
             y,
             tau,
             bounds,
@@ -101,10 +95,24 @@ impl Design {
             scored: self.scored.clone(),
             gram,
             right,
-            penalties: penalties.to_vec(),
+            penalties: Vec::new(),
             scale: self.scale.clone().resize_vertically(total, 1.0),
             threshold: DVector::zeros(total),
-        }
+        };
+        design.weigh_as(mechanism);
+        design
+    }
+
+    /// Takes the penalties that `mechanism` has with the coefficients it has now.
+    pub(super) fn weigh_as(&mut self, mechanism: &SplineMechanism) {
+        let (params, total) = (self.params, self.y.ncols());
+        let whole = mechanism.penalties().map(|penalty| {
+            let mut full = DMatrix::zeros(total, total);
+            full.view_mut((params, params), penalty.shape())
+                .copy_from(&penalty);
+            full
+        });
+        self.penalties = whole.to_vec();
     }
 
     /// Columns without a mechanism; `folds` = fold of each sample and their number.
@@ -154,7 +162,8 @@ impl Design {
 
     /// Effort of the damping over the measured effort, both as root mean squares.
     pub(super) fn damping_share(&self, smoothing: &[f64; 2]) -> f64 {
-        let (mut solution, _) = self.solve(smoothing);
+        let h = self.penalized(&self.gram, smoothing, 1.0);
+        let mut solution = self.minimum(&h, &self.right, 1.0, None);
         for j in 0..solution.len() {
             if j < self.params || self.bounds[j] == Bound::Free {
                 solution[j] = 0.0;
@@ -244,6 +253,7 @@ impl Design {
         grids: [&[f64]; 2],
     ) -> ([f64; 2], f64) {
         let mut best = (start, f64::INFINITY);
+        let mut known: Vec<([f64; 2], f64)> = Vec::new();
         let turns: &[usize] = if grids[1].is_empty() {
             &[0]
         } else {
@@ -253,7 +263,11 @@ impl Design {
             for value in grids[grid] {
                 let mut smoothing = best.0;
                 smoothing[grid] = *value;
+                if known.iter().any(|(tried, _)| *tried == smoothing) {
+                    continue;
+                }
                 let error = self.held_out_of(folds, &smoothing);
+                known.push((smoothing, error));
                 if error < best.1 {
                     best = (smoothing, error);
                 }

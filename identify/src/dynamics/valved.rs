@@ -11,7 +11,7 @@ use std::rc::Rc;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::design::Design;
-use crate::least_squares::Bound;
+use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, SplineMechanism};
 use crate::motion::Motion;
 
@@ -58,10 +58,13 @@ impl Valved {
             smoothing: START,
             held_out_rms: f64::INFINITY,
         };
+        // Straight valves: the columns are the same at any coefficients.
+        let mut design = fit.design(parametric, motion);
         for _ in 0..3 {
-            fit.steps(parametric, motion, 1);
+            design.weigh_as(&fit.mechanism);
+            fit.step(&design);
         }
-        let straight = fit.residual_square(&fit.design(parametric, motion));
+        let straight = fit.residual(parametric, motion).norm_squared();
         // A valve that was open most of the time hides how steep its line begins; slow strokes tell.
         let mut steep = fit.clone();
         steep.mechanism.damp_as_slow(surfaces, motion);
@@ -72,14 +75,14 @@ impl Valved {
         if let Some((bent, _)) = bent {
             fit = bent;
         }
-        if fit.drop_slight_bends(&fit.design(parametric, motion)) {
+        if fit.drop_slight_bends(parametric, motion) {
             fit.steps(parametric, motion, 4);
         }
         let design = fit.design(parametric, motion);
         (fit.smoothing, _) =
             design.choose_among(&design.fold_normals(), fit.smoothing, [&LOADS, &DAMPINGS]);
         fit.steps(parametric, motion, 2);
-        if fit.drop_slight_bends(&fit.design(parametric, motion)) {
+        if fit.drop_slight_bends(parametric, motion) {
             fit.steps(parametric, motion, 2);
         }
         fit.steps(parametric, motion, 2);
@@ -108,33 +111,44 @@ impl Valved {
         )
     }
 
-    fn residual_square(&self, design: &Design) -> f64 {
-        (&design.tau - &design.y * self.solution()).norm_squared()
+    /// What the fit leaves of the effort at the kept samples: exact, not linearised.
+    fn residual(&self, parametric: &Design, motion: &Motion) -> DVector<f64> {
+        let states = motion.q.iter().zip(&motion.dq);
+        let damping: Vec<f64> = states
+            .map(|(&q, &dq)| self.mechanism.damping(q, dq) * dq)
+            .collect();
+        let load = &self.mechanism.load_coefficients;
+        let predicted =
+            &parametric.y * &self.theta + &*self.load * DVector::from_column_slice(load);
+        // It is refused for another length than the motion's only.
+        let damping = motion.regressor(&damping).unwrap_or_default();
+        &parametric.tau - predicted - DVector::from_vec(damping)
     }
 
     /// Takes `count` steps with the penalties of the damping as it is now.
     fn steps(&mut self, parametric: &Design, motion: &Motion, count: usize) {
         let mut design = self.design(parametric, motion);
-        self.step(&design, None);
+        self.step(&design);
         for _ in 1..count {
             let penalties = design.penalties;
             design = self.design(parametric, motion);
             design.penalties = penalties;
-            self.step(&design, None);
+            self.step(&design);
         }
     }
 
-    /// One step, without the samples of `left_out`.
-    fn step(&mut self, design: &Design, left_out: Option<&[usize]>) {
-        let total = design.tau.len();
-        let (mut gram, mut right) = (design.gram.clone(), design.right.clone());
-        let mut share = 1.0;
-        if let Some(rows) = left_out {
-            let part = design.part(rows);
-            gram -= part.gram;
-            right -= part.right;
-            share -= rows.len() as f64 / total as f64;
-        }
+    /// One step.
+    fn step(&mut self, design: &Design) {
+        self.step_by(design, (design.gram.clone(), design.right.clone()), 1.0);
+    }
+
+    /// One step by normal equations of a `share` of the design's samples.
+    fn step_by(
+        &mut self,
+        design: &Design,
+        (mut gram, mut right): (DMatrix<f64>, DVector<f64>),
+        share: f64,
+    ) {
         let first = design.params + self.mechanism.first_bend();
         let now = self.solution();
         let size = share * design.tau.norm_squared();
@@ -179,7 +193,7 @@ impl Valved {
                 break;
             };
             let bent = fit.with_bend(parametric, motion, direction, bend);
-            let after = bent.residual_square(&bent.design(parametric, motion));
+            let after = bent.residual(parametric, motion).norm_squared();
             let gain = design.tau.len() as f64 * (square / after.max(f64::MIN_POSITIVE)).ln();
             if gain < EVIDENCE {
                 room[direction] = 0;
@@ -208,13 +222,11 @@ impl Valved {
         let mut square = f64::INFINITY;
         for _ in 0..BEND_STEPS {
             let mut next = bent.clone();
-            next.step(&design, None);
+            next.step(&design);
             let mut left = f64::INFINITY;
             for _ in 0..4 {
-                let there = next.design(parametric, motion);
-                left = next.residual_square(&there);
+                left = next.residual(parametric, motion).norm_squared();
                 if left < square {
-                    design = there;
                     break;
                 }
                 next.back_to(&bent);
@@ -226,6 +238,7 @@ impl Valved {
             if slight {
                 break;
             }
+            design = bent.design(parametric, motion);
         }
         bent
     }
@@ -240,9 +253,12 @@ impl Valved {
 
     /// Drops bends that change the slope by less than a quarter, which stand in for another that was not found yet, and bends
     /// in the noise, where a valve would be dry friction by another name.
-    fn drop_slight_bends(&mut self, design: &Design) -> bool {
+    fn drop_slight_bends(&mut self, parametric: &Design, motion: &Motion) -> bool {
+        if self.is_straight() {
+            return false;
+        }
         let mut dropped = false;
-        let least = LEAST_BEND * (self.residual_square(design) / design.tau.len() as f64).sqrt();
+        let least = LEAST_BEND * rms(self.residual(parametric, motion).as_slice());
         for valve in &mut self.mechanism.valves {
             let mut before = 1.0;
             valve.bends.retain(|bend| {
@@ -303,6 +319,11 @@ impl Valved {
         })
     }
 
+    fn is_straight(&self) -> bool {
+        let mut valves = self.mechanism.valves.iter();
+        valves.all(|valve| valve.is_straight())
+    }
+
     /// What the valve of a direction is given at each sample; 0 in the other direction.
     fn proportional_efforts(&self, motion: &Motion, direction: usize) -> Vec<f64> {
         let states = motion.q.iter().zip(&motion.dq);
@@ -317,7 +338,7 @@ impl Valved {
             .collect()
     }
 
-    /// Error on strokes that were left out.
+    /// Error on strokes that were left out. The steps without them begin at the whole fit and keep its columns: they are short.
     fn held_out(&self, parametric: &Design, motion: &Motion) -> f64 {
         const STEPS: usize = 3;
         let whole = self.design(parametric, motion);
@@ -328,23 +349,20 @@ impl Valved {
             if rows.is_empty() || rows.len() == fold_of.len() {
                 continue;
             }
+            let share = 1.0 - rows.len() as f64 / fold_of.len() as f64;
+            let gram = &whole.gram - whole.part(&rows).gram;
             let mut fit = self.clone();
-            let bent = fit
-                .mechanism
-                .valves
-                .iter()
-                .any(|valve| !valve.is_straight());
-            for step in 0..if bent { STEPS } else { 1 } {
-                if step == 0 {
-                    fit.step(&whole, Some(&rows));
-                } else {
-                    let mut design = fit.design(parametric, motion);
-                    design.penalties.clone_from(&whole.penalties);
-                    fit.step(&design, Some(&rows));
+            let mut tau = whole.tau.clone();
+            for step in 0..if self.is_straight() { 1 } else { STEPS } {
+                if step > 0 {
+                    tau = fit.residual(parametric, motion) + &whole.y * fit.solution();
                 }
+                for &i in &rows {
+                    tau[i] = 0.0;
+                }
+                fit.step_by(&whole, (gram.clone(), whole.y.tr_mul(&tau)), share);
             }
-            let design = fit.design(parametric, motion);
-            let residual = &design.tau - &design.y * fit.solution();
+            let residual = fit.residual(parametric, motion);
             for i in rows.into_iter().filter(|&i| parametric.scored[i]) {
                 square += residual[i] * residual[i];
                 samples += 1;

@@ -143,28 +143,30 @@ impl Linearized {
     /// Eliminates the chain, solves for the geometry, and substitutes back.
     pub(super) fn solve(mut self) -> Option<Step> {
         let count = self.links.len();
-        let mut factors = Vec::with_capacity(count);
+        let mut eliminated = Vec::with_capacity(count);
         for i in 0..count {
-            let factor = self.links[i].diagonal.cholesky()?;
-            let border = factor.solve(&self.links[i].border);
-            let right = factor.solve(&self.links[i].right);
-            self.geometry -= self.links[i].border.transpose() * border;
-            self.right -= self.links[i].border.transpose() * right;
+            let inverse = self.links[i].diagonal.cholesky()?.inverse();
+            let border = inverse * self.links[i].border;
+            let right = inverse * self.links[i].right;
+            self.geometry -= self.links[i].border.tr_mul(&border);
+            self.right -= self.links[i].border.tr_mul(&right);
             if let [link, following, ..] = &mut self.links[i..] {
-                let coupling = Block::from_diagonal(&link.next);
-                following.diagonal -= coupling * factor.solve(&coupling);
-                following.border -= coupling * border;
-                following.right -= coupling * right;
+                let next = &link.next;
+                following.diagonal -=
+                    Block::from_fn(|row, column| next[row] * inverse[(row, column)] * next[column]);
+                following.border -=
+                    Border::from_fn(|row, column| next[row] * border[(row, column)]);
+                following.right -= next.component_mul(&right);
             }
-            factors.push((factor, border, right));
+            eliminated.push((inverse, border, right));
         }
         let (geometry, covariance) = self.solve_geometry()?;
         let mut states = vec![StateVector::zeros(); count];
         for i in (0..count).rev() {
-            let (factor, border, right) = &factors[i];
+            let (inverse, border, right) = &eliminated[i];
             let mut state = right - border * geometry;
             if let Some(next) = states.get(i + 1) {
-                state -= factor.solve(&self.links[i].next.component_mul(next));
+                state -= inverse * self.links[i].next.component_mul(next);
             }
             states[i] = state;
         }

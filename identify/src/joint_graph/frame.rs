@@ -10,16 +10,18 @@ pub(super) struct Frame {
     pub(super) first: Vector3<f64>,
     pub(super) second: Vector3<f64>,
     pub(super) grasp: [Vector3<f64>; 2],
+    /// Of the grasp's rotation. The last of a revolute joint is about the axis, where nothing is seen: it is held.
+    pub(super) turns: [Vector3<f64>; 3],
 }
 
 impl Frame {
     pub(super) fn new(state: &State) -> Self {
         let (first, second) = perpendiculars(&state.axis.direction);
+        let direction = state.axis.direction.into_inner();
         let grasp = match state.axis.kind {
             JointKind::Prismatic => [first, second],
             JointKind::Revolute => {
                 let arm = state.p0 - state.axis.point;
-                let direction = state.axis.direction.into_inner();
                 [
                     (arm - direction * direction.dot(&arm)).normalize(),
                     direction,
@@ -30,6 +32,7 @@ impl Frame {
             first,
             second,
             grasp,
+            turns: [first, second, direction],
         }
     }
 
@@ -40,7 +43,6 @@ impl Frame {
         let mut rotation = [zero; GEOMETRY + 1];
         let direction = state.axis.direction.into_inner();
         let turn = state.axis.motion(q).rotation;
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         match state.axis.kind {
             JointKind::Prismatic => {
                 position[0] = direction;
@@ -62,7 +64,7 @@ impl Frame {
         for k in 0..2 {
             position[5 + k] = turn * self.grasp[k];
         }
-        for (k, e) in axes.into_iter().enumerate() {
+        for (k, e) in self.turns.into_iter().enumerate() {
             rotation[7 + k] = turn * e;
         }
         [position, rotation]

@@ -15,6 +15,14 @@ pub struct Wander {
 }
 
 impl Wander {
+    /// Whether both parts and their time are the same to 2 %.
+    pub(super) fn is_near(&self, other: &Self) -> bool {
+        let near = |a: f64, b: f64| (a / b - 1.0).abs() < 0.02;
+        near(self.white, other.white)
+            && near(self.wander, other.wander)
+            && near(self.time_constant, other.time_constant)
+    }
+
     pub(super) fn start(size: f64, period: f64) -> Self {
         Self {
             white: size,

@@ -8,7 +8,7 @@
 //!
 //! Besides, an arc must bend: its sagitta must exceed three times its own residual, or it is a line.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Point3, Unit, Vector3};
+use nalgebra::{Matrix3, Matrix6, Point3, Unit, Vector3, Vector6};
 
 use super::orientation::orientation_criteria;
 use super::{JointKind, PoseSamples, ScrewAxis, perpendiculars};
@@ -205,7 +205,11 @@ fn fit_circle(positions: &[Point3<f64>], middle: Point3<f64>, axes: [Vector3<f64
             (axis, radius, residuals) = (next, radius + step[5], next_residuals);
             damping = (damping * 0.2).max(1e-12);
             if settled || round % 5 == 4 {
-                weights = tukey(&residuals);
+                let before = core::mem::replace(&mut weights, tukey(&residuals));
+                let pairs = weights.iter().zip(&before);
+                if settled && pairs.into_iter().all(|(w, b)| (w - b).abs() < 1e-3) {
+                    break;
+                }
             }
             cost = weighted_cost(&residuals, &weights);
         } else {
@@ -263,11 +267,11 @@ fn circle_step(
     residuals: &[Vec<f64>; 2],
     weights: &[f64],
     damping: f64,
-) -> DVector<f64> {
+) -> Vector6<f64> {
     let (first, second) = perpendiculars(&axis.direction);
     let direction = axis.direction.into_inner();
-    let mut normal = DMatrix::zeros(6, 6);
-    let mut right = DVector::zeros(6);
+    let mut normal = Matrix6::zeros();
+    let mut right = Vector6::zeros();
     for (i, p) in positions.iter().enumerate() {
         let arm = p - axis.point;
         let height = residuals[0][i];
@@ -282,8 +286,8 @@ fn circle_step(
             -1.0,
         ];
         for (row, value) in [(up, residuals[0][i]), (out, residuals[1][i])] {
-            let row = DVector::from_row_slice(&row);
-            normal += &row * row.transpose() * weights[i];
+            let row = Vector6::from(row);
+            normal += row * row.transpose() * weights[i];
             right -= row * (value * weights[i]);
         }
     }
@@ -293,7 +297,7 @@ fn circle_step(
     }
     normal
         .cholesky()
-        .map_or_else(|| DVector::zeros(6), |c| c.solve(&right))
+        .map_or_else(Vector6::zeros, |c| c.solve(&right))
 }
 
 fn weighted_cost(residuals: &[Vec<f64>; 2], weights: &[f64]) -> f64 {
