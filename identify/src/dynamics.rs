@@ -195,12 +195,6 @@ fn fit_full(
     covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
         .powi(2)
         .max(1.0);
-    // At a reversal the joint sticks and breaks away, which no model here describes; what these samples ask for besides is in
-    // the uncertainty.
-    let apart = design.disagreement(&motion.near_reversals(), &smoothing, &covariance);
-    for (j, variance) in apart.into_iter().enumerate() {
-        covariance[(j, j)] += variance;
-    }
     let taken = attenuation::taken(motion, &design, &smoothing, &theta)?;
     if let Taken::Some(given) = &taken {
         covariance = given.widened(&covariance);

@@ -396,24 +396,6 @@ impl Motion {
     }
 }
 
-impl Motion {
-    /// Positions within `kept` of the samples to which a change of direction reaches through the filter.
-    #[must_use]
-    pub fn near_reversals(&self) -> Vec<usize> {
-        let reach = self.kernel.main_lobe();
-        let turns: Vec<usize> = (1..self.sign.len())
-            .filter(|&i| self.sign[i - 1].signum() != self.sign[i].signum())
-            .collect();
-        (0..self.kept.len())
-            .filter(|&k| {
-                let i = self.kept[k];
-                let next = turns.partition_point(|t| t + reach < i);
-                turns.get(next).is_some_and(|t| *t <= i + reach)
-            })
-            .collect()
-    }
-}
-
 /// Range below which a joint counts as standing still: fixed for a tracker, whose drift moves a joint that stands; for other
 /// sensors thirty times what changes from one sample to the next at random.
 fn smallest_range(samples: &JointSamples, work: &Work) -> f64 {

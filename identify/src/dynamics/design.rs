@@ -34,13 +34,6 @@ pub(super) struct Design {
 /// A coefficient of the damping is let in when it moves the effort by more than so many standard deviations of its own.
 const DAMPING_EVIDENCE: f64 = 0.8;
 
-/// Share of the square of a shift that counts as variance. Simulated (the study's objects, seeds 14001 to 14010), 95 % intervals
-/// of I, mu and b then hold the truth in 99, 98 and 98 % of the recordings.
-const APART: f64 = 0.25;
-
-/// A smaller share of the samples than this says nothing without the others.
-const LEAST_REST: f64 = 0.05;
-
 /// Relative smoothing of load and damping that the search tries.
 const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
@@ -325,40 +318,6 @@ impl Design {
         DMatrix::from_fn(inverse.nrows(), inverse.ncols(), |i, j| {
             inverse[(i, j)] / (self.scale[i] * self.scale[j])
         })
-    }
-
-    /// Variance of each parameter for what `left_out` samples say otherwise than the rest: a share of the square of the shift
-    /// without them, as far as it exceeds what `covariance` lets one expect.
-    pub(super) fn disagreement(
-        &self,
-        left_out: &[usize],
-        smoothing: &[f64; 2],
-        covariance: &DMatrix<f64>,
-    ) -> Vec<f64> {
-        let part = self.part(left_out);
-        let share = 1.0 - part.samples as f64 / self.tau.len() as f64;
-        if share < LEAST_REST {
-            return vec![0.0; self.params];
-        }
-        let fit = |h: &DMatrix<f64>, right: &DVector<f64>, share: f64| {
-            let x = self.minimum(h, right, share, None);
-            let at_bound: Vec<bool> = (0..x.len())
-                .map(|j| self.bounds[j] == Bound::NonNegative && x[j] == 0.0)
-                .collect();
-            let inverse = covariance_of_free(&self.scaled(h), &at_bound);
-            (x, inverse)
-        };
-        let h = self.penalized(&self.gram, smoothing, 1.0);
-        let less = self.penalized(&(&self.gram - &part.gram), smoothing, share);
-        let (with, inverse_with) = fit(&h, &self.right, 1.0);
-        let (without, inverse_without) = fit(&less, &(&self.right - &part.right), share);
-        (0..self.params)
-            .map(|j| {
-                let grown = inverse_without[(j, j)] / inverse_with[(j, j)].max(1e-300) - 1.0;
-                let expected = covariance[(j, j)] * grown.max(0.0);
-                APART * ((without[j] - with[j]).powi(2) - expected).max(0.0)
-            })
-            .collect()
     }
 
     /// Scatter of what blocks of about a second ask for over `covariance`, per parameter, where it is more. It sees residuals that are

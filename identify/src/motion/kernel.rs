@@ -31,12 +31,6 @@ impl Kernel {
         Ok(Self(weights))
     }
 
-    /// Distance, in samples, up to which the weights are positive.
-    pub(super) fn main_lobe(&self) -> usize {
-        let first = self.0.iter().position(|weight| *weight <= 0.0);
-        first.unwrap_or(self.0.len()).saturating_sub(1)
-    }
-
     /// What a series of non-negative values may at most leave at each sample of `runs` through the filter's side lobes.
     pub(super) fn reach_of(&self, runs: &[Range<usize>], series: &[f64]) -> Vec<f64> {
         let mut envelope: Vec<f64> = self.0.iter().map(|weight| weight.abs()).collect();

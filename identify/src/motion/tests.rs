@@ -231,22 +231,6 @@ fn the_one_stroke_faster_than_all_others_does_not_count_as_held_out() {
 }
 
 #[test]
-fn samples_near_a_reversal_are_those_its_filtered_sign_reaches() {
-    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
-    let near = motion.near_reversals();
-    for (k, &i) in motion.kept.iter().enumerate() {
-        let t = motion.time[i];
-        let away = (t - t.round()).abs();
-        if away < 0.05 {
-            assert!(near.contains(&k), "{t}");
-        }
-        if away > 0.12 {
-            assert!(!near.contains(&k), "{t}");
-        }
-    }
-}
-
-#[test]
 fn a_bent_path_is_no_noise_and_a_slow_wander_stays() {
     let mut samples = sine(20.0, 500.0, 0.4);
     let jitter = |i: usize| 2e-4 * (0.37 * i as f64).sin() * (0.113 * i as f64).cos();
