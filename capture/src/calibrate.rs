@@ -32,6 +32,8 @@ const DRIFT_NEEDS_S: f64 = 15.0;
 const TEMPERATURE_MOVED_K: f64 = 2.0;
 /// Time left out around a grasp and a release, s.
 const MARGIN_S: f64 = 0.3;
+/// The wrench may be spread over so many times what its samples last.
+const MOST_HOLES: f64 = 100.0;
 
 /// What to calibrate from.
 #[derive(Clone, Debug)]
@@ -144,6 +146,11 @@ impl Problem {
         let start = start_of(recording);
         let wrench = WrenchSide::of(recording, start)?;
         let span = wrench.span().unwrap_or((0.0, 0.0));
+        // A stamp that is years off would ask for years of rows.
+        let (covered_s, span_s) = (wrench.covered(), span.1 - span.0);
+        if span_s > MOST_HOLES * covered_s {
+            return Err(CalibrateError::Scattered { covered_s, span_s });
+        }
         let named = free_air(recording, start, options);
         let windows: Vec<_> = named
             .iter()
@@ -209,8 +216,11 @@ pub fn calibrate(
     let problem = Problem::of(recording, options)?;
     let (alignment, not_aligned) = match align::align(&problem, 0.0, options.search_s) {
         Ok((alignment, _)) => (Some(alignment), None),
-        // Still poses need no alignment.
-        Err(error) => (None, Some(error.to_string())),
+        // Where little moves, poses that are late change little. Any other refusal says that these may be of another time.
+        Err(error @ (CalibrateError::TooStill { .. } | CalibrateError::FreeAirShort { .. })) => {
+            (None, Some(error.to_string()))
+        }
+        Err(error) => return Err(error),
     };
     let span =
         problem.windows.last().map_or(0.0, |w| w.1) - problem.windows.first().map_or(0.0, |w| w.0);
@@ -232,6 +242,10 @@ pub fn calibrate(
         .fit(start, &extras)
         .ok_or(CalibrateError::Singular)?;
     let (calibration, inertia_made_possible) = body(&fit)?;
+    let explained = fit.explained(&problem);
+    if alignment.is_none() && explained < align::MIN_EXPLAINED {
+        return Err(CalibrateError::Unrelated { explained });
+    }
     let series: Vec<_> = fit
         .residuals
         .iter()

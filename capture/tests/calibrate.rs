@@ -183,6 +183,59 @@ fn a_swing_that_repeats_itself_is_refused() {
     for seed in 111..114 {
         let text = refusal(&Setup::random(seed, motion));
         assert!(text.contains("repeats itself"), "{text}");
+        // Nor is a tool weighed by poses that may be a swing off.
+        for offset_s in [0.05, 0.0] {
+            let setup = Setup {
+                offset_s,
+                ..Setup::random(seed, motion)
+            };
+            let error = calibrate(&setup.record(), &CalibrateOptions::default());
+            let text = error.expect_err("refused").to_string();
+            assert!(text.contains("repeats itself"), "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_shake_too_short_to_align_weighs_nothing_that_it_does_not_explain() {
+    let motion = Motion {
+        duration_s: 4.4,
+        ..Motion::SHAKE
+    };
+    let setup = Setup {
+        offset_s: 0.0,
+        ..Setup::random(115, motion)
+    };
+    let weigh = |setup: &Setup| calibrate(&setup.record(), &CalibrateOptions::default());
+    let found = weigh(&setup).unwrap();
+    assert!(found.alignment.is_none(), "{found}");
+    assert!((found.calibration.payload_mass_kg.value / setup.mass - 1.0).abs() < 0.02);
+    // A tool that is all but a point at the sensor, and a torque that is mostly something else.
+    let other = Setup {
+        com: nalgebra::Vector3::new(0.0, 0.0, 5e-4),
+        inertia: nalgebra::Matrix3::identity() * 1e-6,
+        torque_noise: 0.02,
+        ..setup
+    };
+    let text = weigh(&other).expect_err("refused").to_string();
+    assert!(text.contains("% of the wrench at best"), "{text}");
+}
+
+#[test]
+fn a_wrench_with_stamps_of_another_day_is_refused_before_its_rows_are_counted() {
+    let mut recording = Setup::random(116, Motion::SHAKE).record();
+    let a_day = 86_400_000_000_000;
+    let early = recording.wrench.iter().take(500).map(|sample| Stamped {
+        at: HostTime::from_nanos(sample.at.as_nanos() - a_day),
+        value: sample.value,
+    });
+    recording.wrench = early.chain(recording.wrench.clone()).collect();
+    for error in [
+        align_recording(&recording, 0.0, &CalibrateOptions::default()).unwrap_err(),
+        calibrate(&recording, &CalibrateOptions::default()).unwrap_err(),
+    ] {
+        let text = error.to_string();
+        assert!(text.contains("stamped at another time"), "{text}");
     }
 }
 

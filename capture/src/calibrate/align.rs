@@ -37,7 +37,7 @@ const MIN_FREE_AIR_S: f64 = 4.0;
 /// Shifts that cover less than this share of the most rows do not compete.
 const MIN_COVER: f64 = 0.6;
 /// The tool's motion must explain so much of the wrench; of the coarse search, which knows no inertia, less is asked.
-const MIN_EXPLAINED: f64 = 0.9;
+pub(super) const MIN_EXPLAINED: f64 = 0.9;
 pub(super) const MIN_EXPLAINED_COARSE: f64 = 0.5;
 /// Poses must show the tool turned or shaken by so much (gravity minus acceleration, m/s^2 rms about its mean): below, what
 /// the tracker wobbles by pulls the offset away.
@@ -99,16 +99,17 @@ pub(super) fn align(
             needed_ms: 1e3 * MAX_STD_S,
         });
     };
-    let explained = fit.explained(problem);
-    if explained < MIN_EXPLAINED {
-        return Err(CalibrateError::Unrelated { explained });
-    }
+    // Little motion explains little: that is to be said first.
     let motion = fit.motion(problem);
     if motion < MIN_MOTION {
         return Err(CalibrateError::TooStill {
             motion,
             needed: MIN_MOTION,
         });
+    }
+    let explained = fit.explained(problem);
+    if explained < MIN_EXPLAINED {
+        return Err(CalibrateError::Unrelated { explained });
     }
     let std_s = fit.delay_std[0];
     if std_s.is_nan() || std_s > MAX_STD_S {

@@ -38,6 +38,16 @@ pub enum CalibrateError {
         /// Last one, s.
         until_s: f64,
     },
+    /// The wrench's stamps are years apart.
+    #[error(
+        "the wrench's samples last {covered_s:.0} s, but are spread over {span_s:.0} s: some are stamped at another time; leave these out"
+    )]
+    Scattered {
+        /// What the samples last, s.
+        covered_s: f64,
+        /// From the first to the last, s.
+        span_s: f64,
+    },
     /// The wrench does not follow the motion at any shift.
     #[error(
         "the tool's motion explains {:.0} % of the wrench at best (need 90 %): the tool touched something, the motion was too small, or pose and wrench \
@@ -155,6 +165,12 @@ pub enum CalibrateError {
     /// A file that would be written is there already.
     #[error("{path} exists already: choose another name, or allow overwriting with --force")]
     Exists {
+        /// The file.
+        path: std::path::PathBuf,
+    },
+    /// A name is given twice.
+    #[error("{path} is the recording that is read, or another output: name another file for it")]
+    Twice {
         /// The file.
         path: std::path::PathBuf,
     },

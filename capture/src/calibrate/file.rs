@@ -1,5 +1,7 @@
 //! A calibration by the files that it reads and writes.
 
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
 
 use ft_recording::rewrite::Rewrite;
@@ -20,6 +22,7 @@ pub fn calibrate_file(
     options: &CalibrateOptions,
     outputs: &Outputs<'_>,
 ) -> Result<Calibrated, CalibrateError> {
+    outputs.refuse_twice(file)?;
     let there = [outputs.toml, outputs.plot].into_iter().flatten();
     if let Some(path) = there
         .filter(|path| path.exists())
@@ -57,16 +60,22 @@ pub fn calibrate_file(
         rewrite.write(Some(file), out, outputs.overwrite)?;
     }
     let write = |path: &Path, text: String| {
-        std::fs::write(path, text).map_err(|source| CalibrateError::Write {
-            path: path.to_owned(),
-            source,
-        })
+        let file = if outputs.overwrite {
+            File::create(path)
+        } else {
+            File::create_new(path)
+        };
+        file.and_then(|mut file| file.write_all(text.as_bytes()))
+            .map_err(|source| CalibrateError::Write {
+                path: path.to_owned(),
+                source,
+            })
     };
     if let Some(path) = outputs.toml {
         write(path, found.to_toml(&recording)?)?;
     }
     if let Some(path) = outputs.plot {
-        write(path, plot::page(&recording, &found))?;
+        write(path, plot::page(&recording.path, &found))?;
     }
     Ok(found)
 }
@@ -86,6 +95,35 @@ pub struct Outputs<'a> {
     pub overwrite: bool,
 }
 
+impl Outputs<'_> {
+    /// Refuses outputs of one name, and one that is the source: the later would take the place of the other.
+    fn refuse_twice(&self, source: &Path) -> Result<(), CalibrateError> {
+        let named = [Some(source), self.recording, self.toml, self.plot];
+        let named: Vec<&Path> = named.into_iter().flatten().collect();
+        for (i, path) in named.iter().enumerate() {
+            let before = named.get(..i).unwrap_or_default();
+            if before.iter().any(|other| is_one_file(other, path)) {
+                return Err(CalibrateError::Twice {
+                    path: (*path).to_owned(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether both names lead to one file, also to one that is not there yet.
+fn is_one_file(a: &Path, b: &Path) -> bool {
+    let place = |path: &Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|folder| *folder != Path::new(""));
+            let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+            Some(folder.join(path.file_name()?))
+        })
+    };
+    a == b || place(a).is_some_and(|a| place(b) == Some(a))
+}
+
 impl Calibrated {
     /// The frames with the rotation that was found.
     pub(super) fn frames(&self, recording: &Recording) -> Option<Frames> {
@@ -100,5 +138,50 @@ impl Calibrated {
                 quaternion_xyzw: self.rotation?.quaternion_xyzw,
             },
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+    use super::*;
+
+    #[test]
+    fn no_output_takes_the_place_of_the_source_or_of_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let source = path("shake.mcap");
+        std::fs::write(&source, b"the only one").unwrap();
+        let link = path("link.toml");
+        std::os::unix::fs::symlink(&source, &link).unwrap();
+        let (toml, plot, same) = (path("a.toml"), path("a.html"), path("./a.toml"));
+        let asked = |outputs: Outputs<'_>| {
+            let outputs = Outputs {
+                overwrite: true,
+                ..outputs
+            };
+            let options = CalibrateOptions::default();
+            let error = calibrate_file(&source, &TopicMap::default(), &options, &outputs);
+            matches!(error, Err(CalibrateError::Twice { .. }))
+        };
+        let with = |toml, plot| Outputs {
+            toml: Some(toml),
+            plot: Some(plot),
+            ..Outputs::default()
+        };
+        assert!(asked(with(&source, &plot)));
+        assert!(asked(with(&toml, &source)));
+        assert!(asked(with(&link, &plot)));
+        assert!(asked(with(&toml, &same)));
+        let both = Outputs {
+            recording: Some(&same),
+            toml: Some(&toml),
+            ..Outputs::default()
+        };
+        assert!(asked(both));
+        assert_eq!(std::fs::read(&source).unwrap(), b"the only one");
+        // What is no recording is refused for that.
+        assert!(!asked(with(&toml, &plot)));
     }
 }

@@ -1,8 +1,7 @@
 //! A page with the wrench in free air before and after the tool's own wrench and the bias are taken off.
 
 use std::fmt::Write as _;
-
-use ft_recording::Recording;
+use std::path::Path;
 
 use super::{Calibrated, FreeAirSample};
 
@@ -11,16 +10,15 @@ const HEIGHT: f64 = 110.0;
 const AXES: [&str; 6] = ["Fx N", "Fy N", "Fz N", "Mx N m", "My N m", "Mz N m"];
 
 /// A page that needs nothing else.
-pub(super) fn page(recording: &Recording, found: &Calibrated) -> String {
-    let name = recording.path.file_name().unwrap_or_default();
-    let name = name
-        .to_string_lossy()
-        .replace('&', "&amp;")
-        .replace('<', "&lt;");
+pub(super) fn page(path: &Path, found: &Calibrated) -> String {
+    let name = path.file_name().unwrap_or_default();
+    let name = escaped(&name.to_string_lossy());
+    // It names topics of the file.
+    let summary = escaped(&found.to_string());
     let mut out = format!(
         "<!doctype html><meta charset=utf-8><title>calibration of {name}</title>\
          <style>body{{font:14px sans-serif;max-width:960px;margin:2em auto}}svg{{display:block}}pre{{overflow:auto}}</style>\
-         <h1>Calibration</h1><p>{name}</p><pre>{found}</pre>\
+         <h1>Calibration</h1><p>{name}</p><pre>{summary}</pre>\
          <p>Grey: measured in free air, about its mean. Blue: what is left, ten times enlarged. Both below 8 Hz.</p>"
     );
     let span = match (found.series.first(), found.series.last()) {
@@ -63,4 +61,52 @@ pub(super) fn page(recording: &Recording, found: &Calibrated) -> String {
         );
     }
     out
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use ft_recording::{Calibration, Estimate};
+
+    use super::*;
+    use crate::gyro::Gyroscope;
+
+    #[test]
+    fn names_from_the_file_are_no_part_of_the_page() {
+        let found = Calibrated {
+            calibration: Calibration {
+                payload_mass_kg: Estimate {
+                    value: 0.5,
+                    std: 0.01,
+                },
+                payload_com_m: Estimate {
+                    value: [0.0; 3],
+                    std: [0.001; 3],
+                },
+                payload_inertia_kgm2: Estimate {
+                    value: [0.001; 6],
+                    std: [0.001; 6],
+                },
+                wrench_bias: None,
+                covariance: None,
+            },
+            bias_rate: None,
+            bias_per_kelvin: None,
+            rotation: None,
+            alignment: None,
+            not_aligned: None,
+            gyroscope: Some(Gyroscope::NotCompared("/<script>&".to_owned())),
+            residual_rms: [0.0; 2],
+            before_rms: [0.0; 2],
+            free_air_s: 10.0,
+            inertia_made_possible: false,
+            series: Vec::new(),
+        };
+        let page = page(Path::new("a<script>.mcap"), &found);
+        assert!(page.contains("/&lt;script>&amp;"), "{page}");
+        assert!(!page.contains("<script>"), "{page}");
+    }
 }

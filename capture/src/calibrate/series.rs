@@ -89,6 +89,12 @@ impl<const N: usize> Grid<N> {
         }))
     }
 
+    /// What the runs last together, s.
+    fn covered(&self) -> f64 {
+        let values = self.runs.iter().map(|(_, values)| values.len());
+        values.sum::<usize>() as f64 * self.period
+    }
+
     fn span(&self) -> Option<(f64, f64)> {
         let (first, _) = self.runs.first()?;
         let (last, values) = self.runs.last()?;
@@ -236,6 +242,11 @@ impl WrenchSide {
     /// First and last instant, s.
     pub(super) fn span(&self) -> Option<(f64, f64)> {
         self.grid.span()
+    }
+
+    /// What its samples last, without the holes, s.
+    pub(super) fn covered(&self) -> f64 {
+        self.grid.covered()
     }
 }
 

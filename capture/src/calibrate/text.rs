@@ -35,16 +35,38 @@ impl Calibrated {
             calibration: &self.calibration,
             frames: self.frames(recording),
         })?;
+        let hint = self
+            .alignment
+            .and_then(|alignment| latency_hint(alignment.offset_s));
         Ok(format!(
-            "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}",
+            "# From {} (sha256 {}).\n# For capture.toml of later recordings with the same tool and sensor.\n{}{}",
             name.to_string_lossy(),
             recording.sha256,
+            hint.unwrap_or_default(),
             text.replace(
                 "covariance = ",
                 "# Of mass, centre x y z, inertia xx xy yy xz yz zz, bias of force x y z and torque x y z, in their units:\ncovariance = "
             )
         ))
     }
+}
+
+/// Longer is no link's delay but another clock, s.
+const MAX_DELAY_S: f64 = 0.2;
+
+/// A line on how later recordings get rid of an offset of the poses' stamps: a stamp that is too late has a link slower than its
+/// `latency_us` says.
+fn latency_hint(offset_s: f64) -> Option<String> {
+    let (delay_us, device) = match 1e6 * offset_s {
+        us if us < 0.0 => (-us, "tracker"),
+        us => (us, "force-torque sensor"),
+    };
+    (delay_us <= 1e6 * MAX_DELAY_S).then(|| {
+        format!(
+            "# Poses and wrench were {:.3} ms apart; {delay_us:.0} more in the latency_us of the {device} takes that away.\n",
+            1e-3 * delay_us
+        )
+    })
 }
 
 impl fmt::Display for Calibrated {
@@ -144,5 +166,21 @@ impl fmt::Display for Alignment {
             Some([skew, std]) => write!(f, ", skew {skew:+.1} +-{std:.1} ppm"),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_device_whose_stamps_are_late_gets_the_hint() {
+        let hint = |offset_s| latency_hint(offset_s).unwrap_or_default();
+        assert_eq!(
+            hint(-0.0032),
+            "# Poses and wrench were 3.200 ms apart; 3200 more in the latency_us of the tracker takes that away.\n"
+        );
+        assert!(hint(0.0011).contains("1100 more in the latency_us of the force-torque sensor"));
+        assert_eq!(latency_hint(-3.0), None);
     }
 }

@@ -90,7 +90,10 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> CommandResult {
         shift: arguments.align,
         overwrite: arguments.force,
     };
-    if let Some(output) = &arguments.output {
+    for output in [outputs.recording, outputs.toml, outputs.plot]
+        .into_iter()
+        .flatten()
+    {
         refuse_source(&arguments.file, output)?;
     }
     let found = calibrate_file(&arguments.file, &map, &options, &outputs)?;
