@@ -42,6 +42,10 @@ pub struct Channel<I> {
     raw: Vec<u8>,
     clock_report_due: HostTime,
     delivers: bool,
+    /// How often the clock was restarted, ...
+    restarts: u32,
+    /// ... and [`Item::clock_epoch`] of what comes next.
+    clock_epoch: u32,
     /// How often the operator was told that the samples were no clock.
     told: u32,
 }
@@ -72,6 +76,8 @@ impl<I: Intake> Channel<I> {
             raw: Vec::with_capacity(RawBytes::CAPACITY),
             clock_report_due: HostTime::EPOCH,
             delivers: false,
+            restarts: 0,
+            clock_epoch: 0,
             told: 0,
         }
     }
@@ -86,6 +92,7 @@ impl<I: Intake> Channel<I> {
     /// The device or its link was restarted: its clock begins anew.
     pub fn restart_clock(&mut self) {
         self.translator.reset();
+        self.restarts = self.restarts.wrapping_add(1);
         if let Some(counted) = &mut self.counted {
             counted.reset();
         }
@@ -95,6 +102,7 @@ impl<I: Intake> Channel<I> {
         let item = Item {
             device: Some(self.device),
             arrival,
+            clock_epoch: self.clock_epoch,
             sample_time,
             body,
         };
@@ -106,6 +114,7 @@ impl<I: Intake> Channel<I> {
     fn sample_time(&mut self, at: &mut SampleInstant) -> HostTime {
         if let Some(device_ns) = at.device_ns {
             let translated = self.translator.observe(device_ns, at.arrival);
+            self.clock_epoch = self.restarts;
             self.report_clock(at.arrival, self.translator.status());
             return translated.at;
         }
@@ -116,6 +125,7 @@ impl<I: Intake> Channel<I> {
         }) else {
             return at.arrival - self.link_delay;
         };
+        self.clock_epoch = self.restarts.wrapping_add(instant.periods);
         self.report_clock(at.arrival, status);
         if mended > self.told {
             self.told = mended;

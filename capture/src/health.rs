@@ -317,6 +317,7 @@ mod tests {
         Item {
             device: Some(0),
             arrival: at,
+            clock_epoch: 0,
             sample_time: at,
             body: Body::Event(event),
         }

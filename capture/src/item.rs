@@ -12,6 +12,8 @@ pub struct Item {
     pub device: Option<usize>,
     /// Earliest host stamp; the recording's `log_time`.
     pub arrival: HostTime,
+    /// How often the device's clock had begun anew, or the period of its counts become another, by then.
+    pub clock_epoch: u32,
     /// When it was true, on the host clock, never later than `arrival`; the recording's `publish_time`.
     pub sample_time: HostTime,
     /// What it is.

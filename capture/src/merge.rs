@@ -88,6 +88,7 @@ mod tests {
         Item {
             device: None,
             arrival: at,
+            clock_epoch: 0,
             sample_time: at,
             body: Body::Mark(text.to_owned()),
         }

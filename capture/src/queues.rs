@@ -106,6 +106,7 @@ mod tests {
         Item {
             device: None,
             arrival: at,
+            clock_epoch: 0,
             sample_time: at,
             body: Body::Mark("m".to_owned()),
         }

@@ -103,6 +103,8 @@ pub struct OneWay {
     config: OneWayConfig,
     active: Hull,
     successor: Hull,
+    /// Times that the device clock was forgotten.
+    resets: u32,
     observations: u64,
     mean_residual_ns: f64,
     line: Option<Line>,
@@ -141,6 +143,7 @@ impl OneWay {
             config,
             active: Hull::new(),
             successor: Hull::new(),
+            resets: 0,
             observations: 0,
             mean_residual_ns: 0.0,
             line: None,
@@ -154,6 +157,7 @@ impl OneWay {
     pub fn reset(&mut self) {
         self.active.clear();
         self.successor.clear();
+        self.resets = self.resets.wrapping_add(1);
         (self.observations, self.mean_residual_ns) = (0, 0.0);
         (self.line, self.newest) = (None, None);
         (self.behind, self.older) = (None, None);

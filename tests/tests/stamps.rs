@@ -2,6 +2,7 @@
 //! of stamps and tool mass on the parameters, and device clocks smoothed afterwards. All figures here are simulated.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -9,6 +10,7 @@ use ft_capture::calibrate::{CalibrateOptions, calibrate};
 use ft_capture::import::aria::{AriaOptions, import_aria};
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::identify_recording;
+use ft_recording::reader::{Record, RecordReader};
 use ft_recording::rewrite::Rewrite;
 use ft_recording::{Pose7, Recording, Stamped, TopicMap, TrackedFrame};
 use ft_sim_hw::Scenario;
@@ -198,6 +200,19 @@ fn unevenness_us(stamps: &[HostTime]) -> f64 {
     1e6 * (left.sum::<f64>() / n).sqrt()
 }
 
+/// A metadata record of a recording.
+fn metadata_of(path: &Path, wanted: &str) -> BTreeMap<String, String> {
+    let mut reader = RecordReader::open(path).unwrap();
+    while let Some(record) = reader.next_record().unwrap() {
+        if let Record::Metadata { name, entries } = record
+            && name == wanted
+        {
+            return entries;
+        }
+    }
+    panic!("no {wanted}");
+}
+
 #[test]
 fn clocks_smoothed_afterwards_give_evener_stamps_in_a_new_file() {
     let folder = tempfile::tempdir().unwrap();
@@ -264,6 +279,30 @@ fn clocks_smoothed_afterwards_give_evener_stamps_in_a_new_file() {
         before.sha256,
         "the source was written over"
     );
+    retime(&["check", "b.mcap", "--retime", "c.mcap"])
+        .expect_code(1)
+        .complains(&["ft.retimed"]);
+    assert!(!path("c.mcap").exists());
+
+    // Poses that another translator stamped stay, and the new recording says how many.
+    let mut other = Rewrite::new();
+    other.restamp(|name, stamp, _| match name {
+        "/aria/pose" => HostTime::from_nanos(stamp.as_nanos() / 100_000 * 100_000),
+        _ => stamp,
+    });
+    other
+        .write(Some(&path("a.mcap")), &path("other.mcap"), false)
+        .unwrap();
+    let done = retime(&["check", "other.mcap", "--retime", "d.mcap", "--json"])
+        .expect_code(0)
+        .json();
+    let topics = &done["retimed"]["topics"];
+    let kept = topics["/aria/pose"]["kept"].as_u64().unwrap();
+    assert!(2 * kept > before.pose.samples.len() as u64, "{topics}");
+    assert_eq!(topics["/ft/wrench"]["kept"], 0, "{topics}");
+    let written = metadata_of(&path("d.mcap"), "ft.retimed").remove("json");
+    let written: serde_json::Value = serde_json::from_str(&written.unwrap()).unwrap();
+    assert_eq!(&written, topics);
     let mut bare = Rewrite::new();
     bare.leave_out("/raw/ft_sensor")
         .leave_out("/raw/aria")

@@ -298,6 +298,7 @@ impl Operator<'_> {
             Item {
                 device: None,
                 arrival: at,
+                clock_epoch: 0,
                 sample_time: at,
                 body,
             },

@@ -12,6 +12,7 @@ use ft_drivers::link::record::RawFrame;
 use ft_drivers::options::Startup;
 use ft_drivers::{Link, LinkError, RxStamps};
 use ft_recording::message::{Message, Text};
+use ft_recording::metadata;
 use ft_recording::reader::{Record, RecordReader};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
@@ -55,6 +56,7 @@ pub(super) fn play(
         config,
         start,
         first_samples,
+        is_retimed: _,
     } = source;
     let plan = Plan {
         config,
@@ -190,6 +192,8 @@ pub(super) struct Source {
     start: HostTime,
     /// Arrival of the first message of each topic.
     first_samples: BTreeMap<String, HostTime>,
+    /// Whether its stamps were smoothed already.
+    pub(super) is_retimed: bool,
 }
 
 impl Source {
@@ -200,11 +204,13 @@ impl Source {
         };
         let mut reader = RecordReader::open(file)?;
         let (mut session, mut topics, mut first_samples) = (None, BTreeMap::new(), BTreeMap::new());
+        let mut is_retimed = false;
         while let Some(record) = reader.next_record()? {
             match record {
                 Record::Metadata { name, entries } if name == "ft.session" => {
                     session = Some(entries)
                 }
+                Record::Metadata { name, .. } if name == metadata::RETIMED => is_retimed = true,
                 Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
                 Record::Message(message) => {
                     if let Some(topic) = topics.remove(&message.channel_id) {
@@ -231,6 +237,7 @@ impl Source {
             config,
             start,
             first_samples,
+            is_retimed,
         })
     }
 }

@@ -135,6 +135,7 @@ impl Stepping {
         self.merge.push(Item {
             device: None,
             arrival: at,
+            clock_epoch: 0,
             sample_time: at,
             body,
         });

@@ -60,6 +60,8 @@ pub struct Counted {
     newest: HostTime,
     /// Times that the period had to be mended.
     mended: u32,
+    /// Times that the period became another.
+    periods: u32,
 }
 
 /// The promptest sample since a window began.
@@ -77,6 +79,8 @@ pub struct CountedInstant {
     pub device_ns: i64,
     /// Where that falls on the host clock.
     pub translated: Translated,
+    /// How often the period had become another by then: a clock of counts bends there as no crystal does.
+    pub periods: u32,
 }
 
 impl Counted {
@@ -107,6 +111,7 @@ impl Counted {
             held_until: None,
             newest: HostTime::EPOCH,
             mended: 0,
+            periods: 0,
         }
     }
 
@@ -149,10 +154,12 @@ impl Counted {
         };
         let at = translated.at.max(self.newest).min(arrival);
         self.newest = at;
+        let periods = self.periods;
         self.mend(device_ns, period_ns);
         Some(CountedInstant {
             device_ns,
             translated: Translated { at, ..translated },
+            periods,
         })
     }
 
@@ -190,6 +197,7 @@ impl Counted {
         (self.window, self.before) = (None, None);
         (self.usual, self.most) = (1.0, (0.0, 0));
         self.mended = self.mended.saturating_add(1);
+        self.periods = self.periods.wrapping_add(1);
     }
 
     /// By the line as it stands, while it is held.
@@ -210,6 +218,7 @@ impl Counted {
     /// Learns anew, because the hull has a hole by now, but from where the line stands and with the period that it shows.
     fn begin_from(&mut self, line: Line, device_ns: i64) {
         self.period_ns = self.period_ns.map(|period| period * (1.0 + line.slope));
+        self.periods = self.periods.wrapping_add(1);
         let at = HostTime::from_nanos(line.at(device_ns));
         self.clock.reset();
         self.clock.observe(device_ns, at);

@@ -37,11 +37,10 @@ pub fn smooth(observations: &[(i64, HostTime)], config: &OneWayConfig) -> Vec<Ho
 fn pieces(observations: &[(i64, HostTime)], config: &OneWayConfig) -> Vec<core::ops::Range<usize>> {
     let mut causal = OneWay::new(*config);
     let mut cuts = vec![0];
-    let mut seen = 0;
+    let mut resets = causal.resets;
     for (i, (device_ns, arrival)) in observations.iter().enumerate() {
         causal.observe(*device_ns, *arrival);
-        let now = causal.status().map_or(0, |status| status.observations);
-        if now < seen {
+        if causal.resets != resets {
             let since = *arrival - config.set_back_after - LOOK_BACK;
             let earlier = observations.get(..i).unwrap_or_default();
             let near = earlier.iter().rev().take_while(|(_, at)| *at >= since);
@@ -50,7 +49,7 @@ fn pieces(observations: &[(i64, HostTime)], config: &OneWayConfig) -> Vec<core::
                 .max(cuts.last().copied().unwrap_or(0));
             cuts.push(step_between(observations, from, i));
         }
-        seen = now;
+        resets = causal.resets;
     }
     cuts.push(observations.len());
     cuts.dedup();

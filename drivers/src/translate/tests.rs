@@ -383,6 +383,20 @@ fn a_clock_that_was_set_back_is_cut_there_and_not_where_the_link_stalled() {
     assert!(wrong <= 2, "{wrong} of 60000 stamps are more than 1 ms off");
 }
 
+#[test]
+fn a_device_that_restarts_after_its_first_sample_is_cut_there() {
+    let observations: Vec<_> = (0..20_000_i64)
+        .map(|sample| {
+            let ran = if sample == 0 { 1_000 * SECOND } else { 0 };
+            (ran + sample * MS, host(BOOT + sample * MS))
+        })
+        .collect();
+    let smoothed = smooth(&observations, &OneWayConfig::default());
+    let off = |(at, (_, arrival)): (&HostTime, &(i64, HostTime))| arrival.saturating_since(*at);
+    let worst = smoothed.iter().zip(&observations).map(off).max();
+    assert!(worst < Some(Duration::from_millis(1)), "{worst:?}");
+}
+
 proptest! {
     /// Stamps of any size, in any order: the smoother answers all, none later than its arrival.
     #[test]
