@@ -69,7 +69,7 @@ pub struct Report {
     pub damage: Vec<String>,
     /// What the recording is good for.
     pub verdict: Verdict,
-    /// Why, in one line.
+    /// Why, one line each; and what is to be known of a recording that is fine.
     pub reasons: Vec<String>,
 }
 
@@ -132,10 +132,13 @@ pub fn check_mapped(path: &Path, map: &TopicMap) -> Result<Report, ReadError> {
         .chain(survey.recovered)
         .collect();
     let span = span(&survey.streams);
+    // What was made of another's recording has that one's numbers.
+    let counts_from_one =
+        survey.library.starts_with("ft-capture ") && survey.session == Presence::Present;
     let topics: BTreeMap<_, _> = survey
         .streams
         .into_iter()
-        .map(|(topic, stream)| (topic, stream.report(span)))
+        .map(|(topic, stream)| (topic, stream.report(span, counts_from_one)))
         .collect();
     if let Some(topic) = map.sources().find(|from| !survey.seen.contains(*from)) {
         let topics = topics
@@ -259,7 +262,6 @@ impl Survey<'_> {
             .schemas
             .get(&channel.schema_id)
             .map_or("", |schema| schema.name.as_str());
-        let ours = self.library.starts_with("ft-capture ");
         let topic = match self.map.resolve(&channel.topic) {
             Some(topic) => topic.to_owned(),
             // Another topic takes its place.
@@ -268,7 +270,7 @@ impl Survey<'_> {
         let stream = self.streams.entry(topic.clone());
         stream
             .or_insert_with(|| Stream::new(kind, &channel.message_encoding))
-            .add_channel(channel.id, ours);
+            .add_channel(channel.id);
         self.topics.insert(channel.id, topic);
         self.seen.insert(channel.topic);
     }
@@ -300,6 +302,59 @@ fn header_stamp(kind: &str, data: &[u8]) -> Option<Result<HostTime, crate::CdrEr
     Some(stamp.map(HostTime::from))
 }
 
+/// The time that the wrench and the poses have in common.
+struct Shared<'a> {
+    /// Topic of the poses that share most.
+    pose: &'a str,
+    /// s; below 0 what lies between them.
+    s: f64,
+    /// What the wrench and these poses last, s.
+    last_s: [f64; 2],
+}
+
+/// Less of a stream beside the other is told.
+const MIN_SHARED: f64 = 0.9;
+
+impl Shared<'_> {
+    /// A line for each of the two that covers too little of the other.
+    fn little(&self) -> impl Iterator<Item = String> {
+        let [wrench_s, pose_s] = self.last_s;
+        [
+            (topic::WRENCH, self.pose, pose_s),
+            (self.pose, topic::WRENCH, wrench_s),
+        ]
+        .into_iter()
+        .filter(|(.., last_s)| self.s < MIN_SHARED * last_s)
+        .map(|(one, other, last_s)| {
+            let percent = 100.0 * self.s / last_s;
+            format!("{one} covers {percent:.0} % of the time of {other}")
+        })
+    }
+}
+
+/// `None` when one of the two is not there.
+fn shared(report: &Report) -> Option<Shared<'_>> {
+    let span = |name: &str| {
+        let topic = report.topics.get(name)?;
+        let at = HostTime::from_nanos;
+        Some((at(topic.first_ns?), at(topic.last_ns?)))
+    };
+    let wrench = span(topic::WRENCH)?;
+    let with = |pose| {
+        let (first, last) = span(pose)?;
+        Some(Shared {
+            pose,
+            s: last.min(wrench.1).seconds_since(first.max(wrench.0)),
+            last_s: [(wrench.0, wrench.1), (first, last)].map(|(from, to)| to.seconds_since(from)),
+        })
+    };
+    let poses = [topic::TCP_POSE, topic::ARIA_POSE];
+    poses
+        .into_iter()
+        .filter_map(with)
+        .max_by(|a, b| a.s.total_cmp(&b.s))
+}
+
 fn judge(report: &mut Report) {
     let has = |name: &str, kind| {
         report
@@ -317,6 +372,20 @@ fn judge(report: &mut Report) {
         missing.push("neither /tcp/pose nor /aria/pose".to_owned());
     }
     let mut losses = report.damage.clone();
+    let mut told = Vec::new();
+    if missing.is_empty() {
+        match shared(report) {
+            Some(shared) if shared.s < 0.0 => missing.push(format!(
+                "{} and {} do not overlap: {:.1} s lie between them",
+                topic::WRENCH,
+                shared.pose,
+                -shared.s
+            )),
+            // What one device recorded before the other is no loss.
+            Some(shared) => told.extend(shared.little()),
+            None => {}
+        }
+    }
     let accounted = ledger_losses(&report.ledger);
     // Where stamps are arrivals, a busy host makes pauses without a loss: a ledger that lost nothing knows better.
     let holes_tell = report.ledger.is_empty() || !accounted.is_empty();
@@ -344,11 +413,12 @@ fn judge(report: &mut Report) {
     if let Presence::Wrong { reason } = &report.calibration {
         losses.push(format!("ft.calibration: {reason}"));
     }
-    (report.verdict, report.reasons) = match (missing.is_empty(), losses.is_empty()) {
-        (true, true) => (Verdict::Fine, losses),
-        (true, false) => (Verdict::Lossy, losses),
-        (false, _) => (Verdict::Unusable, [missing, losses].concat()),
+    report.verdict = match (missing.is_empty(), losses.is_empty()) {
+        (true, true) => Verdict::Fine,
+        (true, false) => Verdict::Lossy,
+        (false, _) => Verdict::Unusable,
     };
+    report.reasons = [missing, losses, told].concat();
 }
 
 /// Counts of the ledger that stand for lost samples, when its entries are JSON objects of counts.
@@ -474,7 +544,13 @@ impl fmt::Display for Report {
             writeln!(f, "  ledger of {stream}: {counts}")?;
         }
         match self.verdict {
-            Verdict::Fine => f.write_str("fine: complete, and nothing is known to be missing"),
+            Verdict::Fine => {
+                f.write_str("fine: complete, and nothing is known to be missing")?;
+                match self.reasons.as_slice() {
+                    [] => Ok(()),
+                    told => write!(f, ", but {}", told.join("; ")),
+                }
+            }
             Verdict::Lossy => write!(f, "usable, but not whole: {}", self.reasons.join("; ")),
             Verdict::Unusable => write!(
                 f,

@@ -3,24 +3,22 @@
 /// Counts which sequence numbers of a channel did not come. Order does not matter; repetitions hide as many gaps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sequences {
-    start: u32,
     lowest: u32,
     highest: u32,
     messages: u64,
 }
 
-impl Sequences {
-    /// For a writer that counts from `start`; 0 when it is not known to count, so that gaps before the first number
-    /// are not seen.
-    pub(crate) fn starting_at(start: u32) -> Self {
+impl Default for Sequences {
+    fn default() -> Self {
         Self {
-            start,
             lowest: u32::MAX,
             highest: 0,
             messages: 0,
         }
     }
+}
 
+impl Sequences {
     pub(crate) fn add(&mut self, sequence: u32) {
         self.lowest = self.lowest.min(sequence);
         self.highest = self.highest.max(sequence);
@@ -36,13 +34,14 @@ impl Sequences {
         self.highest > 0
     }
 
-    /// Numbers that are missing up to the highest one.
-    pub(crate) fn missing(&self) -> u64 {
+    /// Numbers that are missing up to the highest one, of a writer that counts from `start`; 0 when it is not known to, so that gaps
+    /// before the first number are not seen.
+    pub(crate) fn missing(&self, start: u32) -> u64 {
         if self.messages == 0 || !self.counted() {
             return 0;
         }
-        let lowest = if self.start > 0 {
-            self.start.min(self.lowest)
+        let lowest = if start > 0 {
+            start.min(self.lowest)
         } else {
             self.lowest
         };
@@ -55,9 +54,9 @@ mod tests {
     use super::*;
 
     fn missing(start: u32, numbers: &[u32]) -> u64 {
-        let mut sequences = Sequences::starting_at(start);
+        let mut sequences = Sequences::default();
         numbers.iter().for_each(|number| sequences.add(*number));
-        sequences.missing()
+        sequences.missing(start)
     }
 
     #[test]

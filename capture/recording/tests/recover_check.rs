@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 
 use ft_recording::check::{Presence, Verdict, check};
-use ft_recording::message::WrenchStamped;
+use ft_recording::message::{PoseStamped, WrenchStamped};
 use ft_recording::qos::Qos;
 use ft_recording::reader::{Record, RecordReader};
 use ft_recording::recover::recover;
@@ -401,4 +401,103 @@ fn a_loss_is_remembered_through_a_second_recovery() {
         report.damage[0].starts_with("recovered from a.mcap.partial"),
         "{report}"
     );
+}
+
+/// A recording of wrench and poses at 1 kHz over these milliseconds.
+fn two_streams(
+    path: &std::path::Path,
+    wrenches: std::ops::Range<i64>,
+    poses: std::ops::Range<i64>,
+) {
+    let mut writer = RecordingWriter::create(path, &WriterOptions::default()).unwrap();
+    let [to_wrench, to_pose] = [
+        writer.add_channel::<WrenchStamped>("/ft/wrench", Qos::SENSOR),
+        writer.add_channel::<PoseStamped>("/tcp/pose", Qos::SENSOR),
+    ]
+    .map(Result::unwrap);
+    let (mut numbers, mut bytes) = (Numbers(3), Vec::new());
+    let stamps = |millisecond| MessageStamps {
+        log_time: at(millisecond),
+        publish_time: at(millisecond),
+    };
+    for millisecond in wrenches {
+        wrench(millisecond, &mut numbers).encode(&mut bytes);
+        writer
+            .write(to_wrench, stamps(millisecond), &bytes)
+            .unwrap();
+    }
+    for millisecond in poses {
+        recordings::pose(millisecond, &mut numbers).encode(&mut bytes);
+        writer.write(to_pose, stamps(millisecond), &bytes).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn streams_that_do_not_meet_are_of_no_use_and_a_part_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let judged = |wrenches, poses| {
+        two_streams(&path, wrenches, poses);
+        let report = check(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        (report.verdict, report.reasons)
+    };
+    assert_eq!(judged(0..1000, 20..1000), (Verdict::Fine, Vec::new()));
+    let apart = "/ft/wrench and /tcp/pose do not overlap: 0.6 s lie between them";
+    assert_eq!(
+        judged(0..400, 1000..1400),
+        (Verdict::Unusable, vec![apart.to_owned()])
+    );
+    let little = "/tcp/pose covers 60 % of the time of /ft/wrench";
+    assert_eq!(
+        judged(0..1001, 400..1001),
+        (Verdict::Fine, vec![little.to_owned()])
+    );
+    let both = [
+        "/ft/wrench covers 50 % of the time of /tcp/pose".to_owned(),
+        "/tcp/pose covers 50 % of the time of /ft/wrench".to_owned(),
+    ];
+    assert_eq!(judged(0..1001, 500..1501), (Verdict::Fine, both.to_vec()));
+}
+
+#[test]
+fn what_is_made_of_a_foreign_recording_has_lost_nothing_before_its_first_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let [theirs, ours, again] = ["a.mcap", "b.mcap", "c.mcap"].map(|name| folder.path().join(name));
+    let mut writer = mcap::WriteOptions::new()
+        .library("theirs 1.0")
+        .create(fs::File::create(&theirs).unwrap())
+        .unwrap();
+    let schema = writer
+        .add_schema("geometry_msgs/msg/WrenchStamped", "ros2msg", b"")
+        .unwrap();
+    let channel = writer
+        .add_channel(schema, "/ft/wrench", "cdr", &BTreeMap::new())
+        .unwrap();
+    let (mut numbers, mut bytes) = (Numbers(4), Vec::new());
+    // One of theirs is missing.
+    for number in (1001..1101).filter(|number| *number != 1050) {
+        let time = u64::try_from(at(i64::from(number)).as_nanos()).unwrap();
+        wrench(i64::from(number), &mut numbers).encode(&mut bytes);
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence: number,
+            log_time: time,
+            publish_time: time,
+        };
+        writer.write_to_known_channel(&header, &bytes).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    ft_recording::rewrite::Rewrite::new()
+        .write(Some(&theirs), &ours, false)
+        .unwrap();
+    let report = check(&ours).unwrap();
+    assert!(report.library.starts_with("ft-capture "), "{report}");
+    assert_eq!(report.topics["/ft/wrench"].missing_sequences, 1);
+    let recovered = recover(&ours, &again, false).unwrap();
+    assert_eq!(recovered.topics["/ft/wrench"].missing_sequences, 1);
+    let report = check(&again).unwrap();
+    assert_eq!(report.topics["/ft/wrench"].missing_sequences, 1);
 }

@@ -152,9 +152,8 @@ impl Stream {
         }
     }
 
-    pub(super) fn add_channel(&mut self, id: u16, counts_from_one: bool) {
-        self.sequences
-            .insert(id, Sequences::starting_at(u32::from(counts_from_one)));
+    pub(super) fn add_channel(&mut self, id: u16) {
+        self.sequences.insert(id, Sequences::default());
     }
 
     pub(super) fn add(&mut self, message: RawMessage<'_>) {
@@ -205,7 +204,12 @@ impl Stream {
         Some((first, self.latest?))
     }
 
-    pub(super) fn report(mut self, whole: Option<(HostTime, HostTime)>) -> TopicReport {
+    pub(super) fn report(
+        mut self,
+        whole: Option<(HostTime, HostTime)>,
+        counts_from_one: bool,
+    ) -> TopicReport {
+        let missing = |sequences: &Sequences| sequences.missing(u32::from(counts_from_one));
         let span = self.span();
         self.messages.sort_unstable();
         let neighbours = || self.messages.iter().zip(self.messages.iter().skip(1));
@@ -242,7 +246,7 @@ impl Stream {
             coverage: covered.map(|covered| in_no_hole / covered),
             repeated_values: self.repeated.count,
             at_extreme: self.extremes.iter().map(Extreme::found).sum(),
-            missing_sequences: self.sequences.values().map(Sequences::missing).sum(),
+            missing_sequences: self.sequences.values().map(missing).sum(),
             holes,
             longest_interval_s: intervals.last().copied(),
             duplicates,

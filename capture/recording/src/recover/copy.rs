@@ -32,7 +32,10 @@ pub(super) struct Copy {
     unknown: UnknownChannels,
     attachments: u64,
     last: Option<(u16, u32, i64)>,
+    /// Whether one of our programs wrote it, ...
     ours: bool,
+    /// ... from devices: what was made of another's recording has that one's numbers.
+    has_session: bool,
 }
 
 /// A channel of the source.
@@ -60,6 +63,7 @@ impl Copy {
             attachments: 0,
             last: None,
             ours: false,
+            has_session: false,
         })
     }
 
@@ -78,12 +82,15 @@ impl Copy {
             Record::Channel(channel) => self.add_channel(&channel),
             Record::Message(message) => self.add_message(message),
             Record::Attachment(attachment) => self.add_attachment(attachment),
-            Record::Metadata { name, entries } => self.write(|writer| {
-                writer.write_metadata(&Metadata {
-                    name,
-                    metadata: entries,
+            Record::Metadata { name, entries } => {
+                self.has_session |= name == metadata::SESSION;
+                self.write(|writer| {
+                    writer.write_metadata(&Metadata {
+                        name,
+                        metadata: entries,
+                    })
                 })
-            }),
+            }
             _ => Ok(()),
         }
     }
@@ -143,10 +150,9 @@ impl Copy {
             Err(WriteError::Format { .. }) => Ok(()),
             Err(error) => Err(error),
             Ok(_) => {
-                let first = u32::from(self.ours);
                 let source = Source {
                     topic: channel.topic.clone(),
-                    sequences: Sequences::starting_at(first),
+                    sequences: Sequences::default(),
                     first_ns: i64::MAX,
                     last_ns: i64::MIN,
                 };
@@ -204,11 +210,12 @@ impl Copy {
         out: &Path,
         reader: &RecordReader<R>,
     ) -> Recovered {
+        let first = u32::from(self.ours && self.has_session);
         let mut topics: BTreeMap<String, RecoveredTopic> = BTreeMap::new();
         for source in self.channels.values() {
             let topic = topics.entry(source.topic.clone()).or_default();
             topic.messages += source.sequences.messages();
-            topic.missing_sequences += source.sequences.missing();
+            topic.missing_sequences += source.sequences.missing(first);
             if source.sequences.messages() > 0 {
                 topic.first_ns = Some(
                     topic
