@@ -75,38 +75,58 @@ pub struct BatchOptions {
     pub settings: MotionSettings,
 }
 
-/// Recordings (`*.mcap`) below `directory`, by name.
+/// Recordings (`*.mcap`) below `directory`, by name, but for those in folders below it that cannot be listed.
 ///
 /// # Errors
 /// The directory cannot be listed.
 pub fn recordings(directory: &Path) -> Result<Vec<PathBuf>, IdentifyError> {
-    let failed = |source| IdentifyError::Write {
+    search(directory).map(|(found, _)| found)
+}
+
+/// A folder that cannot be listed, and why.
+type Unlisted = (PathBuf, std::io::Error);
+
+/// Recordings below `directory`, and the folders below it that cannot be listed.
+fn search(directory: &Path) -> Result<(Vec<PathBuf>, Vec<Unlisted>), IdentifyError> {
+    let (mut found, mut unlisted) = (Vec::new(), Vec::new());
+    let mut folders = Vec::new();
+    list(directory, &mut found, &mut folders).map_err(|source| IdentifyError::Write {
         path: directory.to_owned(),
         source,
-    };
-    let mut found = Vec::new();
-    let mut folders = vec![directory.to_owned()];
+    })?;
     while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(&folder).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let path = entry.path();
-            // A link to a folder may lead round in a circle.
-            if entry.file_type().map_err(failed)?.is_dir() {
-                folders.push(path);
-            } else if path
-                .extension()
-                .is_some_and(|extension| extension == "mcap")
-            {
-                found.push(path);
-            }
+        if let Err(error) = list(&folder, &mut found, &mut folders) {
+            unlisted.push((folder, error));
         }
     }
     found.sort();
-    Ok(found)
+    Ok((found, unlisted))
 }
 
-/// Identifies every recording below `directory` into `output`; gives a row for each, in order of their names. `done` hears
-/// of each row and whether it is of an earlier run.
+/// Puts what is in `folder` to the recordings found and to the folders to look into.
+fn list(
+    folder: &Path,
+    found: &mut Vec<PathBuf>,
+    folders: &mut Vec<PathBuf>,
+) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = entry.path();
+        // A link to a folder may lead round in a circle.
+        if entry.file_type()?.is_dir() {
+            folders.push(path);
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "mcap")
+        {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Identifies every recording below `directory` into `output`; gives a row for each, in order of their names, and then one for each folder
+/// that cannot be listed. `done` hears of each row and whether it is of an earlier run.
 ///
 /// # Errors
 /// The directory cannot be listed, or the table not be written.
@@ -116,7 +136,7 @@ pub fn run(
     options: &BatchOptions,
     done: &(dyn Fn(&BatchRow, bool) + Sync),
 ) -> Result<Vec<BatchRow>, IdentifyError> {
-    let files = recordings(directory)?;
+    let (files, unlisted) = search(directory)?;
     let next = AtomicUsize::new(0);
     let rows = Mutex::new(vec![None; files.len()]);
     let work = || {
@@ -135,12 +155,15 @@ pub fn run(
             scope.spawn(work);
         }
     });
-    let rows: Vec<_> = rows
-        .into_inner()
-        .unwrap_or_default()
-        .into_iter()
-        .flatten()
-        .collect();
+    let rows = rows.into_inner().unwrap_or_default();
+    let mut rows: Vec<_> = rows.into_iter().flatten().collect();
+    for (folder, error) in unlisted {
+        let below = folder.strip_prefix(directory).unwrap_or(&folder);
+        let reason = format!("the folder cannot be listed: {error}");
+        let row = BatchRow::failed(below.display().to_string(), String::new(), reason);
+        done(&row, false);
+        rows.push(row);
+    }
     write_table(output, &rows)?;
     Ok(rows)
 }
@@ -350,5 +373,58 @@ impl BatchRow {
                 .clone()
                 .unwrap_or_else(|| self.effects.join(" "))
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+    use super::*;
+
+    /// Folders in each other until the path is too long, which root cannot list either.
+    fn too_deep(folder: &Path) {
+        let name = "d".repeat(250);
+        let mut path = folder.to_owned();
+        while path.as_os_str().len() < 3_800 {
+            path.push(&name);
+        }
+        std::fs::create_dir_all(&path).unwrap();
+        // The last ones are made below and put where their names are too long together.
+        let lower = folder.join("l").join(&name).join(&name);
+        std::fs::create_dir_all(&lower).unwrap();
+        std::fs::rename(folder.join("l"), path.join("l")).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_listed_is_a_row_and_stops_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let input = folder.path().join("in");
+        std::fs::create_dir_all(input.join("sub")).unwrap();
+        for name in ["a.mcap", "sub/b.mcap"] {
+            std::fs::write(input.join(name), b"no recording").unwrap();
+        }
+        too_deep(&input);
+        assert_eq!(recordings(&input).unwrap().len(), 2);
+        let options = BatchOptions {
+            jobs: 1,
+            again: false,
+            map: TopicMap::default(),
+            settings: MotionSettings::default(),
+        };
+        let heard = AtomicUsize::new(0);
+        let hear = |_: &BatchRow, _| {
+            heard.fetch_add(1, Ordering::Relaxed);
+        };
+        let rows = run(&input, &folder.path().join("out"), &options, &hear).unwrap();
+        let last = rows.last().unwrap();
+        assert_eq!((rows.len(), heard.into_inner()), (3, 3));
+        assert_eq!(last.outcome, Outcome::Failed);
+        let reason = last.reason.as_deref().unwrap();
+        assert!(
+            reason.starts_with("the folder cannot be listed: "),
+            "{reason}"
+        );
+        assert!(recordings(&input.join("none")).is_err());
     }
 }
