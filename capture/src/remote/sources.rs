@@ -474,6 +474,23 @@ mod tests {
     }
 
     #[test]
+    fn an_ask_that_is_answered_by_half_is_not_counted_in_vain() {
+        let mut sources = heard();
+        take(&mut sources, 40, at(100));
+        let mut now = at(120);
+        // One of the many that were asked for comes at a time, as over a slow network.
+        for number in 6..39 {
+            assert!(sources.due(now).contains(&ask(number, 39)), "{number}");
+            take(&mut sources, number, now);
+            sources.answered(GID, now);
+            now = now + Duration::from_millis(100);
+            take(&mut sources, 40, now);
+        }
+        assert!(sources.are_open(now), "39 is waited for to the end");
+        assert!(sources.due(now).contains(&ask(39, 39)));
+    }
+
+    #[test]
     fn a_publisher_that_is_only_announced_is_asked_now_and_then() {
         let mut sources = Sources::default();
         for second in 0..10 {
