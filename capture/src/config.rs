@@ -176,6 +176,62 @@ pub struct Frames {
     pub tcp_from_ft_sensor: StaticPose,
 }
 
+impl Frames {
+    /// Those of a configuration that has to say them: identity is no guess for glasses on a gripper.
+    ///
+    /// # Errors
+    /// As for [`Config::load`], and when one of the two is not said.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        Self::said(&read(path)?, path)
+    }
+
+    fn said(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        #[derive(Default, Deserialize)]
+        #[serde(default)]
+        struct Said {
+            aria_device_from_tcp: Option<StaticPose>,
+            tcp_from_ft_sensor: Option<StaticPose>,
+        }
+        #[derive(Deserialize)]
+        struct File {
+            #[serde(default)]
+            frames: Said,
+        }
+        Config::from_toml(text, path)?;
+        let File { frames } = toml::from_str(text).map_err(syntax(path))?;
+        let missing = |name: &str| ConfigError::Value {
+            path: path.to_owned(),
+            what: format!(
+                "there is no [frames.{name}] with position_m and quaternion_xyzw: say where it is, or leave --frames out to keep what the \
+                 recording says"
+            ),
+        };
+        Ok(Self {
+            aria_device_from_tcp: frames
+                .aria_device_from_tcp
+                .ok_or_else(|| missing("aria_device_from_tcp"))?,
+            tcp_from_ft_sensor: frames
+                .tcp_from_ft_sensor
+                .ok_or_else(|| missing("tcp_from_ft_sensor"))?,
+        })
+    }
+}
+
+/// The text of a configuration.
+fn read(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn syntax(path: &Path) -> impl FnOnce(toml::de::Error) -> ConfigError {
+    move |source| ConfigError::Syntax {
+        path: path.to_owned(),
+        source: Box::new(source),
+    }
+}
+
 /// A pose that does not change.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -297,11 +353,7 @@ impl Config {
     /// # Errors
     /// The file cannot be read, is no TOML, has unknown keys or values that make no sense; each says where.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
-        Self::from_toml(&text, path)
+        Self::from_toml(&read(path)?, path)
     }
 
     /// Reads and checks a configuration that `path` is said to hold.
@@ -309,10 +361,7 @@ impl Config {
     /// # Errors
     /// As for [`Config::load`].
     pub fn from_toml(text: &str, path: &Path) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text).map_err(|source| ConfigError::Syntax {
-            path: path.to_owned(),
-            source: Box::new(source),
-        })?;
+        let config: Self = toml::from_str(text).map_err(syntax(path))?;
         config.check(path)?;
         Ok(config)
     }
@@ -471,6 +520,26 @@ mod tests {
         Config::from_toml(text, Path::new("capture.toml"))
             .unwrap_err()
             .to_string()
+    }
+
+    #[test]
+    fn frames_that_are_asked_for_must_be_said() {
+        let pose = "position_m = [0.0, 0.0, 0.1]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\n";
+        let said = |names: &[&str]| {
+            let frames = names.iter().map(|name| format!("[frames.{name}]\n{pose}"));
+            let text = format!("{GOOD}\n{}", frames.collect::<String>());
+            Frames::said(&text, Path::new("a.toml"))
+        };
+        let (device, sensor) = ("aria_device_from_tcp", "tcp_from_ft_sensor");
+        let frames = said(&[device, sensor]).unwrap();
+        assert_eq!(frames.tcp_from_ft_sensor.position_m, [0.0, 0.0, 0.1]);
+        for (names, missing) in [(&[][..], device), (&[sensor], device), (&[device], sensor)] {
+            let message = said(names).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("no [frames.{missing}]")),
+                "{message}"
+            );
+        }
     }
 
     #[test]

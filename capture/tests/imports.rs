@@ -339,6 +339,37 @@ fn wrenches_stamped_in_other_units_are_refused_with_the_right_one() {
 }
 
 #[test]
+fn a_stamp_of_1970_a_row_cut_short_and_a_jaw_that_is_not_read_are_told() {
+    let mut files = recording("bath", "2-3", PLAIN);
+    let (name, data) = files
+        .iter_mut()
+        .find(|(name, _)| name.ends_with("wrench/data.csv"))
+        .unwrap();
+    let text = String::from_utf8(data.clone()).unwrap();
+    let mut lines: Vec<_> = text.lines().map(str::to_owned).collect();
+    for (row, stamp) in [(7, 0), (9, EPOCH_NS + 86_400_000_000_000)] {
+        let (_, rest) = lines[row].split_once(',').unwrap();
+        lines[row] = format!("{stamp},{rest}");
+    }
+    *data = (lines.join("\n") + &format!("\n{EPOCH_NS},1.0")).into_bytes();
+    let (bag, _) = name.split_once("/force_torque").unwrap();
+    let jaw = format!("{bag}/dynamixel_workbench/joint_states/data.csv");
+    files.insert(jaw, b"timestamp,position\n".to_vec());
+    let (report, recording) = imported(&files);
+    let text = report.to_string();
+    assert_eq!((report.left_out, report.samples[0]), (3, 1_198), "{text}");
+    assert!(text.contains("or at another time"), "{text}");
+    let (first, last) = (&recording.wrench[0], &recording.wrench[1_197]);
+    assert_eq!(first.at.as_nanos(), EPOCH_NS);
+    assert!(last.at.seconds_since(first.at) < 13.0);
+    assert!(
+        text.contains("not used: dynamixel_workbench/joint_states"),
+        "{text}"
+    );
+    assert!(!text.contains("no jaw width"), "{text}");
+}
+
+#[test]
 fn rows_that_say_nothing_are_left_out_one_by_one_and_told() {
     let mut files = recording("bath", "2-2", PLAIN);
     let mut edit = |end: &str, change: &dyn Fn(&mut Vec<String>)| {

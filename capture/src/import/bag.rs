@@ -18,7 +18,7 @@ use records::{Connection, Records, ScanError, Sink};
 
 use super::mps::SourceFile;
 use super::topics::{add_rates, add_temperature, add_wrench, import_entries};
-use super::{ImportError, io};
+use super::{ImportError, io, plausible};
 
 /// Topics of the sensor in a bag.
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,7 @@ pub struct BagReport {
     pub source: SourceFile,
     /// Wrenches, temperatures and angular rates.
     pub samples: [u64; 3],
-    /// Of each those that are not finite, not measured or cannot be decoded.
+    /// Of each those that are not finite, not measured, stamped hours away or cannot be decoded.
     pub left_out: [u64; 3],
     /// Topics of the temperature's and the inertial unit's name that have another type.
     pub other_types: Vec<String>,
@@ -96,6 +96,12 @@ impl<'a, const N: usize> Wanted<'a, N> {
         }
     }
 
+    /// By time, without those that are stamped at another.
+    fn sort(&mut self) {
+        self.samples.sort_by_key(|sample| sample.at);
+        self.left_out += plausible::leave_out_far(&mut self.samples);
+    }
+
     fn is(&self, connection: &Connection) -> bool {
         connection.topic == self.topic && connection.kind == self.kind
     }
@@ -125,7 +131,7 @@ const fn of<T, const N: usize>(sample: &Stamped<[f64; N]>, value: T) -> Stamped<
 impl Wanted<'_, 4> {
     /// Angular rates, by time; a covariance that begins with -1 says that there are none.
     fn measured(&mut self) -> Vec<Stamped<[f64; 3]>> {
-        self.samples.sort_by_key(|sample| sample.at);
+        self.sort();
         let rate = |sample: &Stamped<[f64; 4]>| {
             let [x, y, z, covariance] = sample.value;
             (covariance >= 0.0).then(|| of(sample, [x, y, z]))
@@ -192,6 +198,8 @@ pub fn import_bag(
             reason,
         },
     })?;
+    wrench.sort();
+    temperature.sort();
     if wrench.samples.is_empty() {
         let there: Vec<_> = records
             .topics()
@@ -208,8 +216,6 @@ pub fn import_bag(
             ),
         });
     }
-    wrench.samples.sort_by_key(|sample| sample.at);
-    temperature.samples.sort_by_key(|sample| sample.at);
     let temperatures: Vec<_> = temperature
         .samples
         .iter()
@@ -232,7 +238,7 @@ pub fn import_bag(
         other_types: other_types.collect(),
         damaged_chunks: scanned.damaged_chunks,
         cut_short: scanned.cut_short,
-        doubts: super::plausible::of_wrench(&wrench.samples),
+        doubts: plausible::of_wrench(&wrench.samples),
     };
     let mut rewrite = Rewrite::new();
     add_wrench(&mut rewrite, &wrench.samples);
@@ -256,7 +262,7 @@ impl fmt::Display for BagReport {
             if count > 0 {
                 write!(
                     f,
-                    "; {count} {what} left out: not finite, not measured, or cut short"
+                    "; {count} {what} left out: not finite, not measured, stamped at another time, or cut short"
                 )?;
             }
         }

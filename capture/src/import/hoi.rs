@@ -65,9 +65,12 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
     let temperature = import.temperature()?;
     let angular_rate = import.gyro()?;
     let width = ["dynamixel_workbench", "joint_states", "data.csv"];
-    if import.in_bag(&width)?.is_none() {
-        let text = format!("{}: no jaw width", width.join("/"));
-        import.missing.push(text);
+    let mut unused = Vec::new();
+    match import.in_bag(&width)? {
+        None => import
+            .missing
+            .push(format!("{}: no jaw width", width.join("/"))),
+        Some(_) => unused.push(format!("{}: the jaw's width", width.join("/"))),
     }
     let pose = |frame: &crate::config::StaticPose| Pose7 {
         position: frame.position_m,
@@ -131,6 +134,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         calibration: kind,
         alignment,
         missing: import.missing,
+        unused,
         sources: import.sources,
     };
     write(&recording, &frames, &calibration, &report, out, overwrite)?;

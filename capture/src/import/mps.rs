@@ -67,7 +67,7 @@ pub struct TrajectoryCounts {
     pub no_stamp: u64,
     /// Rows that are not later than the one before: left out.
     pub not_later: u64,
-    /// Rows whose quaternion is no rotation or whose numbers are not finite: left out.
+    /// Rows whose quaternion is no rotation, whose numbers are not finite, or that were cut short: left out.
     pub no_pose: u64,
     /// Rows of a quality below what was asked for: left out.
     pub low_quality: u64,
@@ -151,7 +151,8 @@ impl Trajectory {
             kind,
             poses: Vec::with_capacity(table.len()),
             counts: TrajectoryCounts {
-                rows: table.len() as u64,
+                rows: table.len() as u64 + table.cut_rows(),
+                no_pose: table.cut_rows(),
                 ..TrajectoryCounts::default()
             },
         };

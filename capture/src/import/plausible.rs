@@ -22,6 +22,23 @@ const MAX_MOUNT_M: f64 = 1.0;
 /// Fewer samples show nothing.
 const MIN_SAMPLES: usize = 20;
 
+/// No recording lasts so long, ns: 6 h.
+const FAR_NS: u64 = 6 * 3_600_000_000_000;
+
+/// Leaves out samples, which stand by time, that are stamped at 1970 or far from the median: one of them would be the recording's begin.
+/// Gives how many.
+pub(super) fn leave_out_far<T>(samples: &mut Vec<Stamped<T>>) -> u64 {
+    let before = samples.len();
+    let Some(middle) = samples.get(before / 2).map(|sample| sample.at.as_nanos()) else {
+        return 0;
+    };
+    samples.retain(|sample| {
+        let at = sample.at.as_nanos();
+        at > 0 && at.abs_diff(middle) <= FAR_NS
+    });
+    (before - samples.len()) as u64
+}
+
 /// Of forces and torques, N and N m.
 pub(super) fn of_wrench(samples: &[Stamped<[f64; 6]>]) -> Vec<String> {
     if samples.len() < MIN_SAMPLES {
@@ -149,6 +166,25 @@ mod tests {
                 )
             })
             .unzip()
+    }
+
+    #[test]
+    fn stamps_of_1970_or_another_day_are_left_out_and_counted() {
+        let (wrench, _) = recorded();
+        let mut samples = wrench.clone();
+        assert_eq!(leave_out_far(&mut samples), 0);
+        let other = |at: i64| Stamped {
+            at: HostTime::from_nanos(at),
+            value: [0.0; 6],
+        };
+        samples.insert(0, other(0));
+        samples.push(other(wrench[0].at.as_nanos() + 86_400_000_000_000));
+        assert_eq!(leave_out_far(&mut samples), 2);
+        assert_eq!(samples, wrench);
+        // A clock that counts from its own begin is one, but for its 0.
+        let mut samples = vec![other(0), other(1), other(2)];
+        assert_eq!(leave_out_far(&mut samples), 1);
+        assert_eq!(leave_out_far(&mut Vec::<Stamped<f64>>::new()), 0);
     }
 
     #[test]

@@ -19,6 +19,8 @@ pub struct Table {
     ends: Vec<u32>,
     /// ... and the line of each row, from 1.
     lines: Vec<u32>,
+    /// Whether the last row was cut short.
+    is_cut: bool,
 }
 
 /// Instants after this are taken for damage, ns: the year 2096. What is computed with stamps up to here does not overflow.
@@ -55,6 +57,8 @@ impl Table {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .flexible(true)
+            // A stray quote would swallow the rest of the file.
+            .quoting(false)
             .from_reader(source);
         let wrong = |error: csv::Error| {
             let line = error.position().map_or(0, csv::Position::line);
@@ -75,7 +79,7 @@ impl Table {
         let header = reader.headers().map_err(wrong)?;
         let columns: Vec<_> = header
             .iter()
-            .map(|name| name.trim_start_matches('\u{feff}').to_owned())
+            .map(|name| unquoted(name.trim_start_matches('\u{feff}')).to_owned())
             .collect();
         if columns.iter().all(String::is_empty) {
             return Err(ImportError::Content {
@@ -89,6 +93,7 @@ impl Table {
             text: String::new(),
             ends: Vec::new(),
             lines: Vec::new(),
+            is_cut: false,
         };
         // The last row may be cut short, because the file is still being written or was.
         let mut short: Option<ImportError> = None;
@@ -115,12 +120,13 @@ impl Table {
             }
             short = Some(error);
         }
+        table.is_cut = short.is_some();
         Ok(table)
     }
 
     fn push(&mut self, row: &csv::StringRecord, line: u64) -> Result<(), ImportError> {
         for field in row {
-            self.text.push_str(field);
+            self.text.push_str(unquoted(field));
             let end = u32::try_from(self.text.len());
             self.ends.push(end.map_err(|_| {
                 self.refusal(
@@ -151,6 +157,12 @@ impl Table {
     #[must_use]
     pub const fn len(&self) -> usize {
         self.lines.len()
+    }
+
+    /// Rows that are left out because they were cut short: the last one, or none.
+    #[must_use]
+    pub fn cut_rows(&self) -> u64 {
+        self.is_cut.into()
     }
 
     /// Whether there is no row.
@@ -283,6 +295,13 @@ impl Table {
     }
 }
 
+/// A field without the quotes around it. One that has a comma or a line's end in them is not known: numbers and names have none.
+fn unquoted(field: &str) -> &str {
+    let inner = field.strip_prefix('"');
+    let inner = inner.and_then(|field| field.strip_suffix('"'));
+    inner.map_or(field, str::trim)
+}
+
 /// The first 300 letters: what is no table may have columns of any length.
 fn shortened(text: &str) -> String {
     match text.char_indices().nth(300) {
@@ -326,8 +345,20 @@ mod tests {
     #[test]
     fn a_row_cut_short_at_the_end_is_left_out_and_one_before_is_refused() {
         assert_eq!(table("a,b\n1,2\n3").unwrap().len(), 1);
+        assert_eq!(table("a,b\n1,2\n3").unwrap().cut_rows(), 1);
+        assert_eq!(table("a,b\n1,2\n3,4").unwrap().cut_rows(), 0);
         let message = table("a,b\n1\n2,3\n").unwrap_err().to_string();
         assert_eq!(message, "a.csv line 2: 1 fields, the header has 2");
+    }
+
+    #[test]
+    fn a_stray_quote_costs_its_own_field_alone() {
+        let table = table("\"a\",b\n1,\"2\nx,3\n\"4\", 5\n").unwrap();
+        let [a, b] = table.columns(["a", "b"]).unwrap();
+        assert_eq!(table.len(), 3);
+        assert_eq!(table.numbers(2, [a, b]).unwrap(), [4.0, 5.0]);
+        let message = table.float(0, b).unwrap_err().to_string();
+        assert_eq!(message, "a.csv line 2: b is \"\\\"2\", expected a number");
     }
 
     #[test]

@@ -65,7 +65,7 @@ pub struct TablesReport {
     pub sources: Vec<SourceFile>,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
-    /// Rows of wrench and poses that are left out: a field is empty or not finite, or the quaternion is none.
+    /// Rows of wrench and poses that are left out: a field is empty, missing or not finite, or the quaternion is none.
     pub left_out: [u64; 2],
     /// What looks like other units.
     pub doubts: Vec<String>,
@@ -102,7 +102,8 @@ pub fn import_tables(
             });
         }
     }
-    let left_out = |table: &Table, used: usize| table.len().saturating_sub(used) as u64;
+    let left_out =
+        |table: &Table, used: usize| table.len().saturating_sub(used) as u64 + table.cut_rows();
     let mut doubts = super::plausible::of_wrench(&samples);
     doubts.extend(super::plausible::of_poses(&track));
     let report = TablesReport {
@@ -200,7 +201,7 @@ impl fmt::Display for TablesReport {
             if count > 0 {
                 write!(
                     f,
-                    ", {count} {what} left out (a field is empty or not finite, or the quaternion is none)"
+                    ", {count} {what} left out (a field is empty, missing or not finite, or the quaternion is none)"
                 )?;
             }
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ft_capture::calibrate::CalibrateOptions;
-use ft_capture::config::{Config, ConfigError};
+use ft_capture::config::{ConfigError, Frames};
 use ft_capture::import::aria::{AriaOptions, import_aria};
 use ft_capture::import::bag::{BagTopics, import_bag};
 use ft_capture::import::hoi;
@@ -37,7 +37,7 @@ pub(crate) struct AriaArguments {
     /// The new recording
     #[arg(short, long, value_name = "FILE.mcap")]
     output: PathBuf,
-    /// A capture.toml with [frames] [default: the recording's /tf_static]
+    /// A capture.toml with both [frames] [default: the recording's /tf_static]
     #[arg(long, value_name = "FILE.toml")]
     frames: Option<PathBuf>,
     /// Seconds after the first wrench at which the trajectory begins [default: by utc]
@@ -74,8 +74,8 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
     let frames = arguments
         .frames
         .as_deref()
-        .map(|path| match Config::load(path) {
-            Ok(config) => Ok(config.frames),
+        .map(|path| match Frames::load(path) {
+            Ok(frames) => Ok(frames),
             Err(ConfigError::Unreadable { path, source }) => {
                 Err(format!("--frames {}: {source}", path.display()).into())
             }

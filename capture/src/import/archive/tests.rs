@@ -210,3 +210,28 @@ fn a_damaged_archive_is_named_and_never_panics() {
         }
     }
 }
+
+#[test]
+fn an_inner_archive_that_says_it_is_longer_than_the_outer_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = zipped(&[("wrench/data.csv", b"a")], Style::Stored);
+    let outer = zipped(&[("wrench.zip", &inner)], Style::Long);
+    // The long field of its size, in the directory.
+    let at = outer
+        .windows(12)
+        .position(|bytes| {
+            bytes[..4] == [1, 0, 24, 0] && bytes[4..] == (inner.len() as u64).to_le_bytes()
+        })
+        .unwrap();
+    for size in [u64::MAX, u64::MAX / 2, outer.len() as u64] {
+        let mut wrong = outer.clone();
+        wrong[at + 4..at + 12].copy_from_slice(&size.to_le_bytes());
+        std::fs::write(folder.path().join("force.zip"), &wrong).unwrap();
+        let found = Tree::default().find(folder.path(), &["force", "wrench", "data.csv"]);
+        let message = found.unwrap_err().to_string();
+        assert!(
+            message.contains("wrench.zip is cut short"),
+            "{size}: {message}"
+        );
+    }
+}

@@ -153,6 +153,10 @@ impl Archive {
             let entry = self.entry(name)?;
             if entry.method == 0 {
                 let start = entry.start(&self.window)?;
+                let end = start.checked_add(entry.size);
+                if end.is_none_or(|end| end > self.window.length) {
+                    return Err(entry.cut());
+                }
                 let window = Window {
                     file: Arc::clone(&self.window.file),
                     start: self.window.start + start,

@@ -186,3 +186,18 @@ fn packed_chunks_and_other_files_are_refused_with_what_to_do() {
     assert!(read(b"#ROSBAG V1.2").unwrap_err().contains("format 2.0"));
     assert!(read(b"").unwrap_err().contains("format 2.0"));
 }
+
+#[test]
+fn a_stamp_of_1970_is_left_out_and_counted() {
+    let mut wanted = Wanted::<1>::new("/w", WRENCH_TYPE, 0);
+    for second in [1_700_000_000_u32, 0, 1_700_000_001] {
+        let mut data = [9, second, 0, 0].map(u32::to_le_bytes).concat();
+        data.extend(1.0_f64.to_le_bytes());
+        wanted.take(&data);
+    }
+    wanted.sort();
+    let seconds = |sample: &Stamped<[f64; 1]>| sample.at.as_nanos() / 1_000_000_000;
+    let stamps: Vec<_> = wanted.samples.iter().map(seconds).collect();
+    assert_eq!(stamps, [1_700_000_000, 1_700_000_001]);
+    assert_eq!(wanted.left_out, 1);
+}

@@ -12,6 +12,7 @@ use crate::import::aria::static_pose;
 use crate::import::clock_map::median;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
+use crate::import::plausible::leave_out_far;
 use crate::import::table::Table;
 use crate::import::{ImportError, hex};
 
@@ -21,7 +22,7 @@ pub(super) struct Import<'a> {
     pub(super) tree: Tree,
     pub(super) sources: Vec<SourceFile>,
     pub(super) missing: Vec<String>,
-    /// Wrenches that are not finite, or stamped as another.
+    /// Wrenches that are not finite, cut short, or stamped as another or at another time.
     pub(super) left_out: u64,
 }
 
@@ -134,7 +135,8 @@ impl Import<'_> {
         }
         samples.sort_by_key(|sample| sample.at);
         samples.dedup_by_key(|sample| sample.at);
-        self.left_out = (table.len() - samples.len()) as u64;
+        leave_out_far(&mut samples);
+        self.left_out = (table.len() - samples.len()) as u64 + table.cut_rows();
         if samples.len() < 2 {
             return Err(ImportError::Content {
                 path: found.path,
@@ -171,6 +173,7 @@ impl Import<'_> {
             let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
             let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
             samples.sort_by_key(|sample| sample.at);
+            leave_out_far(&mut samples);
             Ok(samples)
         };
         Ok(read().unwrap_or_else(|error: ImportError| {
@@ -214,6 +217,7 @@ impl Import<'_> {
             let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
             samples.sort_by_key(|sample| sample.at);
             samples.dedup_by_key(|sample| sample.at);
+            leave_out_far(&mut samples);
             Ok(samples)
         };
         Ok(read().unwrap_or_else(|error: ImportError| {

@@ -18,7 +18,7 @@ pub struct HoiReport {
     pub path: PathBuf,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
-    /// Wrenches that have an empty field, are not finite, or are stamped as another or not at all.
+    /// Wrenches that have an empty field, are not finite or cut short, or are stamped as another, not at all, or hours away.
     pub left_out: u64,
     /// What the trajectory has and what of it was left out.
     pub counts: TrajectoryCounts,
@@ -32,6 +32,8 @@ pub struct HoiReport {
     pub doubts: Vec<String>,
     /// What is not there, and what that costs.
     pub missing: Vec<String>,
+    /// What is there and is not in the recording.
+    pub unused: Vec<String>,
     /// What it was made from.
     pub sources: Vec<SourceFile>,
 }
@@ -67,7 +69,7 @@ impl fmt::Display for HoiReport {
         if self.left_out > 0 {
             write!(
                 f,
-                "\n  {} wrenches left out: a field empty or not finite, or stamped as another",
+                "\n  {} wrenches left out: a field empty or not finite, or stamped as another or at another time",
                 self.left_out
             )?;
         }
@@ -109,6 +111,9 @@ impl fmt::Display for HoiReport {
         }
         for missing in &self.missing {
             write!(f, "\n  missing: {missing}")?;
+        }
+        for unused in &self.unused {
+            write!(f, "\n  not used: {unused}")?;
         }
         Ok(())
     }

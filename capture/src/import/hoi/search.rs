@@ -24,7 +24,7 @@ pub struct HoiPart {
 pub struct HoiParts {
     /// By name and folder.
     pub parts: Vec<HoiPart>,
-    /// Archives that could not be looked into.
+    /// Archives and folders that could not be looked into.
     pub unreadable: Vec<ImportError>,
 }
 
@@ -60,7 +60,7 @@ impl HoiParts {
 /// The recordings below a folder: their bags' folders or archives, also within archives.
 ///
 /// # Errors
-/// A folder cannot be listed, or there is none.
+/// The folder cannot be listed, or there is none.
 pub fn parts(folder: &Path) -> Result<HoiParts, ImportError> {
     // `.` has no parent by name.
     let folder = &folder.canonicalize().map_err(io("find", folder))?;
@@ -106,11 +106,14 @@ impl Search {
                 return Ok(());
             }
             for entry in std::fs::read_dir(path).map_err(io("list", path))? {
-                let entry = entry.map_err(io("list", path))?;
-                // What other systems put beside files.
-                if !entry.file_name().to_string_lossy().starts_with('.') {
-                    self.visit(&entry.path(), depth - 1)?;
-                }
+                let visited = entry.map_err(io("list", path)).and_then(|entry| {
+                    // What other systems put beside files.
+                    if entry.file_name().to_string_lossy().starts_with('.') {
+                        return Ok(());
+                    }
+                    self.visit(&entry.path(), depth - 1)
+                });
+                self.unreadable.extend(visited.err());
             }
         } else if name.ends_with(".zip")
             && let Err(error) = self.look_into(path)
@@ -156,4 +159,32 @@ impl Search {
 fn bag_name(name: &str) -> Option<&str> {
     let bag = name.strip_suffix(".zip").unwrap_or(name).strip_suffix(BAG);
     bag.filter(|bag| !bag.starts_with('.'))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+    use std::os::fd::AsRawFd as _;
+
+    use super::*;
+
+    #[test]
+    fn a_folder_that_cannot_be_entered_stops_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = folder.path().join("x/gripper/kitchen_1-3_gripper_bag");
+        std::fs::create_dir_all(&bag).unwrap();
+        // A folder that is there but has no name any more, which also root cannot find.
+        let gone = tempfile::tempdir().unwrap();
+        let open = std::fs::File::open(gone.path()).unwrap();
+        gone.close().unwrap();
+        for name in ["a", "z"] {
+            let link = folder.path().join(name);
+            std::os::unix::fs::symlink(format!("/proc/self/fd/{}", open.as_raw_fd()), link)
+                .unwrap();
+        }
+        let found = parts(folder.path()).unwrap();
+        assert_eq!(found.parts.len(), 1);
+        assert_eq!(found.unreadable.len(), 2, "{:?}", found.unreadable);
+    }
 }
