@@ -8,7 +8,7 @@ use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
 use ft_identify::output::write_to;
 use ft_identify::payload::PayloadSource;
-use ft_identify::pipeline::{Identified, identify_loaded};
+use ft_identify::pipeline::{Identified, identify_loaded, joint_samples};
 use ft_identify::screw::{JointKind, ScrewAxis, SelectError};
 use ft_identify::tool::AlignError;
 use ft_recording::Recording;
@@ -211,6 +211,12 @@ fn an_unknown_tool_leaves_the_joint_known_and_the_dynamics_null() {
     assert_eq!(found.report.last.verdict, Verdict::NotIdentifiable);
     assert_eq!(found.report.term("inertia").unwrap().value, None);
     assert!(found.report.not_identified["inertia"].contains("move the tool in free air"));
+    // And it confirms nothing.
+    let refused = joint_samples(&recording, &MotionSettings::default()).unwrap_err();
+    assert!(
+        refused.to_string().contains("own weight is unknown"),
+        "{refused}"
+    );
 }
 
 #[test]

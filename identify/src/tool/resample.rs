@@ -235,6 +235,17 @@ mod tests {
     }
 
     #[test]
+    fn what_stays_the_same_stays_so_to_the_last_bit_between_samples() {
+        let samples = (0..100).map(|i| (0.001 * f64::from(i), [133.700_3; 6]));
+        let stream = Stream::averaged(samples, 1);
+        let mut from = 0;
+        for k in 0..300 {
+            let between = stream.at(1e-4 + 3.1e-4 * f64::from(k), &mut from).unwrap();
+            assert_eq!(between, [133.700_3; 6]);
+        }
+    }
+
+    #[test]
     fn means_keep_a_ramp_and_do_not_go_over_a_hole() {
         let times = (0..1000).filter(|i| !(400..450).contains(i));
         let samples = times.map(|i| (0.001 * f64::from(i), [f64::from(i); 6]));
