@@ -204,7 +204,7 @@ fn tables_are_read_by_their_column_of_time_and_what_is_wrong_is_named() {
     assert!(
         said(&output)
             .0
-            .contains("2 wrenches, 1 poses, 1 poses left out (a field is empty or not finite, or the quaternion is none)"),
+            .contains("2 wrenches, 1 poses, 1 poses left out (a field is empty, missing or not finite, or the quaternion is none)"),
         "{}",
         said(&output).0
     );
