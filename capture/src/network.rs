@@ -116,6 +116,8 @@ impl Settings {
                 "transport/link/tx/queue/congestion_control/block/wait_before_close",
                 json!(1_000_000),
             ),
+            // Every message is sent at once, in a batch of its own: two, as is usual, are full while a viewer stalls for 2 ms.
+            ("transport/link/tx/queue/size/data", json!(16)),
             ("transport/link/rx/max_message_size", json!(LONGEST_MESSAGE)),
             ("transport/unicast/max_sessions", json!(MOST_SESSIONS)),
         ])

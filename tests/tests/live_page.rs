@@ -15,10 +15,21 @@ use tempfile::tempdir;
 
 /// A program that serves a page, and the page's address.
 struct Serving {
-    child: Child,
+    /// Until it was ended.
+    child: Option<Child>,
     url: String,
     /// Takes what it goes on to say.
-    said: std::thread::JoinHandle<String>,
+    said: Option<std::thread::JoinHandle<String>>,
+}
+
+/// A test that fails leaves no program behind that holds the port of the next one.
+impl Drop for Serving {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
 }
 
 fn serve(name: &str, arguments: &[&str], folder: &Path) -> Serving {
@@ -47,19 +58,23 @@ fn serve(name: &str, arguments: &[&str], folder: &Path) -> Serving {
         });
         said
     });
-    Serving { child, url, said }
+    Serving {
+        child: Some(child),
+        url,
+        said: Some(said),
+    }
 }
 
 impl Serving {
     /// Ends it as Ctrl-C does; what it said on the way.
-    fn end(self) -> (Output, String) {
-        let id = self.child.id().to_string();
+    fn end(mut self) -> (Output, String) {
+        let (child, said) = (self.child.take().unwrap(), self.said.take().unwrap());
         let killed = std::process::Command::new("kill")
-            .args(["-INT", &id])
+            .args(["-INT", &child.id().to_string()])
             .status();
         assert!(killed.unwrap().success());
-        let output = self.child.wait_with_output().unwrap();
-        (output, self.said.join().unwrap())
+        let output = child.wait_with_output().unwrap();
+        (output, said.join().unwrap())
     }
 }
 

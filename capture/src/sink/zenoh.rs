@@ -14,7 +14,7 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::CongestionControl;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Queryable;
 use zenoh::sample::SourceInfo;
 
@@ -196,6 +196,7 @@ impl Declared {
         let publisher = session
             .declare_publisher(key.clone())
             .congestion_control(CongestionControl::Drop)
+            .priority(priority(topic))
             .express(true)
             .wait()
             .map_err(|error| refused("declaring a publisher", &error))?;
@@ -258,6 +259,16 @@ impl Endpoint {
             .source_info(SourceInfo::new(self.shelf.id, wrapped_number(number)))
             .wait()
             .map_err(|error| refused("publishing", &error))
+    }
+}
+
+/// What comes once a second or less has a queue of its own, so that it is not lost for being behind a thousand samples.
+const fn priority(topic: Topic) -> Priority {
+    match topic {
+        Topic::Wrench | Topic::JointStates | Topic::AriaPose => Priority::Data,
+        Topic::Temperature | Topic::TfStatic | Topic::Marks | Topic::Diagnostics => {
+            Priority::DataHigh
+        }
     }
 }
 
