@@ -26,8 +26,7 @@ pub(super) enum Taken {
     TooMuch(f64),
 }
 
-/// What is given back to all coefficients: `change` is a column of the inverse normal matrix, as the inertia's share `lambda` of it
-/// makes it.
+/// What is given back: `change` to all coefficients, `per_inertia` for each unit of inertia that the motion feels.
 pub(super) struct GivenBack {
     pub(super) change: DVector<f64>,
     inertia: usize,
