@@ -116,7 +116,9 @@ impl Settings {
                 "transport/link/tx/queue/congestion_control/block/wait_before_close",
                 json!(1_000_000),
             ),
-            // Every message is sent at once, in a batch of its own: two, as is usual, are full while a viewer stalls for 2 ms.
+            // A message is sent at once; what comes while a viewer stalls shares batches of 64 kB, and 16 of them, a second of 4 kHz,
+            // may wait. An express message would take a batch of its own: none is left after 16 messages.
+            ("transport/link/tx/queue/batching/time_limit", json!(0)),
             ("transport/link/tx/queue/size/data", json!(16)),
             ("transport/link/rx/max_message_size", json!(LONGEST_MESSAGE)),
             ("transport/unicast/max_sessions", json!(MOST_SESSIONS)),

@@ -3,7 +3,6 @@
 //! Stamps are `header.stamp` where the type has one, else the publish time.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use ft_wire::HostTime;
@@ -19,7 +18,9 @@ use crate::recover::loss_before_recovery;
 use crate::{metadata, topic};
 
 mod clocks;
+mod judge;
 mod stream;
+mod text;
 
 pub use clocks::ClockReport;
 use clocks::Clocks;
@@ -171,7 +172,7 @@ pub fn check_mapped(path: &Path, map: &TopicMap) -> Result<Report, ReadError> {
         verdict: Verdict::Fine,
         reasons: Vec::new(),
     };
-    judge(&mut report);
+    judge::judge(&mut report);
     Ok(report)
 }
 
@@ -300,263 +301,4 @@ fn header_stamp(kind: &str, data: &[u8]) -> Option<Result<HostTime, crate::CdrEr
         _ => return None,
     };
     Some(stamp.map(HostTime::from))
-}
-
-/// The time that the wrench and the poses have in common.
-struct Shared<'a> {
-    /// Topic of the poses that share most.
-    pose: &'a str,
-    /// s; below 0 what lies between them.
-    s: f64,
-    /// What the wrench and these poses last, s.
-    last_s: [f64; 2],
-}
-
-/// Less of a stream beside the other is told.
-const MIN_SHARED: f64 = 0.9;
-
-impl Shared<'_> {
-    /// A line for each of the two that covers too little of the other.
-    fn little(&self) -> impl Iterator<Item = String> {
-        let [wrench_s, pose_s] = self.last_s;
-        [
-            (topic::WRENCH, self.pose, pose_s),
-            (self.pose, topic::WRENCH, wrench_s),
-        ]
-        .into_iter()
-        .filter(|(.., last_s)| self.s < MIN_SHARED * last_s)
-        .map(|(one, other, last_s)| {
-            let percent = 100.0 * self.s / last_s;
-            format!("{one} covers {percent:.0} % of the time of {other}")
-        })
-    }
-}
-
-/// `None` when one of the two is not there.
-fn shared(report: &Report) -> Option<Shared<'_>> {
-    let span = |name: &str| {
-        let topic = report.topics.get(name)?;
-        let at = HostTime::from_nanos;
-        Some((at(topic.first_ns?), at(topic.last_ns?)))
-    };
-    let wrench = span(topic::WRENCH)?;
-    let with = |pose| {
-        let (first, last) = span(pose)?;
-        Some(Shared {
-            pose,
-            s: last.min(wrench.1).seconds_since(first.max(wrench.0)),
-            last_s: [(wrench.0, wrench.1), (first, last)].map(|(from, to)| to.seconds_since(from)),
-        })
-    };
-    let poses = [topic::TCP_POSE, topic::ARIA_POSE];
-    poses
-        .into_iter()
-        .filter_map(with)
-        .max_by(|a, b| a.s.total_cmp(&b.s))
-}
-
-fn judge(report: &mut Report) {
-    let has = |name: &str, kind| {
-        report
-            .topics
-            .get(name)
-            .is_some_and(|topic| topic.kind == kind && topic.messages > topic.undecodable)
-    };
-    let mut missing = Vec::new();
-    if !has(topic::WRENCH, WrenchStamped::TYPE_NAME) {
-        missing.push("no /ft/wrench".to_owned());
-    }
-    if !has(topic::TCP_POSE, PoseStamped::TYPE_NAME)
-        && !has(topic::ARIA_POSE, PoseStamped::TYPE_NAME)
-    {
-        missing.push("neither /tcp/pose nor /aria/pose".to_owned());
-    }
-    let mut losses = report.damage.clone();
-    let mut told = Vec::new();
-    if missing.is_empty() {
-        match shared(report) {
-            Some(shared) if shared.s < 0.0 => missing.push(format!(
-                "{} and {} do not overlap: {:.1} s lie between them",
-                topic::WRENCH,
-                shared.pose,
-                -shared.s
-            )),
-            // What one device recorded before the other is no loss.
-            Some(shared) => told.extend(shared.little()),
-            None => {}
-        }
-    }
-    let accounted = ledger_losses(&report.ledger);
-    // Where stamps are arrivals, a busy host makes pauses without a loss: a ledger that lost nothing knows better.
-    let holes_tell = report.ledger.is_empty() || !accounted.is_empty();
-    for (name, topic) in &report.topics {
-        let sampled = SAMPLED.contains(&name.as_str());
-        let counts = [
-            (topic.missing_sequences, "messages missing by their numbers"),
-            (topic.undecodable, "undecodable messages"),
-            (topic.duplicates, "duplicated messages"),
-            (topic.after_arrival, "messages stamped after their arrival"),
-            (
-                if holes_tell && sampled {
-                    topic.holes
-                } else {
-                    0
-                },
-                "holes in its stamps",
-            ),
-        ];
-        for (count, what) in counts.into_iter().filter(|(count, _)| *count > 0) {
-            losses.push(format!("{name}: {count} {what}"));
-        }
-    }
-    losses.extend(accounted);
-    if let Presence::Wrong { reason } = &report.calibration {
-        losses.push(format!("ft.calibration: {reason}"));
-    }
-    report.verdict = match (missing.is_empty(), losses.is_empty()) {
-        (true, true) => Verdict::Fine,
-        (true, false) => Verdict::Lossy,
-        (false, _) => Verdict::Unusable,
-    };
-    report.reasons = [missing, losses, told].concat();
-}
-
-/// Counts of the ledger that stand for lost samples, when its entries are JSON objects of counts.
-fn ledger_losses(ledger: &BTreeMap<String, String>) -> Vec<String> {
-    let mut losses = Vec::new();
-    for (stream, text) in ledger {
-        let Ok(counts) = serde_json::from_str::<BTreeMap<String, serde_json::Value>>(text) else {
-            continue;
-        };
-        if counts.get("received").and_then(serde_json::Value::as_u64) == Some(0) {
-            losses.push(format!("ledger of {stream}: nothing was received"));
-        }
-        for name in ["gaps", "drops", "refused", "invalid", "interruptions"] {
-            if let Some(count) = counts
-                .get(name)
-                .and_then(serde_json::Value::as_u64)
-                .filter(|count| *count > 0)
-            {
-                losses.push(format!("ledger of {stream}: {count} {name}"));
-            }
-        }
-    }
-    losses
-}
-
-impl fmt::Display for Presence {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Absent => f.write_str("absent"),
-            Self::Present => f.write_str("present"),
-            Self::Wrong { reason } => write!(f, "wrong ({reason})"),
-        }
-    }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            path,
-            bytes,
-            profile,
-            library,
-            duration_s,
-            ..
-        } = self;
-        let path = path.display();
-        writeln!(
-            f,
-            "{path}: {duration_s:.3} s, {bytes} bytes, profile \"{profile}\", by \"{library}\""
-        )?;
-        let width = self
-            .topics
-            .keys()
-            .map(String::len)
-            .max()
-            .unwrap_or(0)
-            .max(5);
-        writeln!(
-            f,
-            "  {:width$} {:>8} {:>9} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
-            "topic",
-            "messages",
-            "rate Hz",
-            "median ms",
-            "p99 ms",
-            "jitter ms",
-            "gaps",
-            "holes",
-            "dupl.",
-            "late",
-            "same",
-            "cover%",
-            "starts s",
-            "ends s"
-        )?;
-        for (name, topic) in &self.topics {
-            let number = |value: Option<f64>, scale: f64| {
-                value.map_or("-".to_owned(), |v| format!("{:.3}", v * scale))
-            };
-            writeln!(
-                f,
-                "  {name:width$} {:>8} {:>9} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9}",
-                topic.messages,
-                number(topic.rate_hz, 1.0),
-                number(topic.interval_median_s, 1e3),
-                number(topic.interval_p99_s, 1e3),
-                number(topic.jitter_s, 1e3),
-                topic.missing_sequences,
-                topic.holes,
-                topic.duplicates,
-                topic.out_of_order,
-                topic.repeated_values,
-                topic
-                    .coverage
-                    .map_or("-".to_owned(), |part| format!("{:.1}", 100.0 * part)),
-                number(topic.starts_after_s, 1.0),
-                number(topic.ends_before_s, 1.0),
-            )?;
-        }
-        writeln!(
-            f,
-            "  calibration {}, session {}",
-            self.calibration, self.session
-        )?;
-        for (name, topic) in self.topics.iter().filter(|(_, topic)| topic.at_extreme > 0) {
-            let count = topic.at_extreme;
-            writeln!(
-                f,
-                "  {name}: {count} samples stay at the end of their range: saturated, or a coarse or still sensor"
-            )?;
-        }
-        for (device, clock) in &self.clocks {
-            writeln!(
-                f,
-                "  clock of {device}: skew {:+.1} ppm, stamps known to {:.1} us (at worst {:.1} us after 10 s)",
-                clock.skew_ppm, clock.spread_us, clock.largest_spread_us
-            )?;
-        }
-        for (device, text) in &self.warnings {
-            writeln!(f, "  warning of {device}: {text}")?;
-        }
-        for (stream, counts) in &self.ledger {
-            writeln!(f, "  ledger of {stream}: {counts}")?;
-        }
-        match self.verdict {
-            Verdict::Fine => {
-                f.write_str("fine: complete, and nothing is known to be missing")?;
-                match self.reasons.as_slice() {
-                    [] => Ok(()),
-                    told => write!(f, ", but {}", told.join("; ")),
-                }
-            }
-            Verdict::Lossy => write!(f, "usable, but not whole: {}", self.reasons.join("; ")),
-            Verdict::Unusable => write!(
-                f,
-                "not usable for identification: {}",
-                self.reasons.join("; ")
-            ),
-        }
-    }
 }

@@ -197,7 +197,6 @@ impl Declared {
             .declare_publisher(key.clone())
             .congestion_control(CongestionControl::Drop)
             .priority(priority(topic))
-            .express(true)
             .wait()
             .map_err(|error| refused("declaring a publisher", &error))?;
         let shelf = Shelf {

@@ -231,9 +231,9 @@ impl Parser {
         } else {
             Motion::Relative
         };
-        for place in 0..count {
+        // Fields of no bits may be as many as a device likes to say.
+        for at in 0..usize::try_from(count).map_or(most, |count| count.min(most)) {
             // The last usage holds for all fields that are left.
-            let at = usize::try_from(place).unwrap_or(usize::MAX);
             let Some((page, number)) = usages.get(at).or(usages.last()) else {
                 return Ok(());
             };

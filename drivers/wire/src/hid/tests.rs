@@ -184,6 +184,16 @@ fn what_cannot_be_is_named() {
 }
 
 #[test]
+fn billions_of_fields_without_a_bit_do_not_keep_the_parser() {
+    // 4 294 967 295 fields of 0 bits, a hat switch each, in 500 reports: hours when each is looked at.
+    let many = "09 39 81 02 ".repeat(500);
+    assert_eq!(
+        found(&format!("05 01 A1 01 75 00 97 FF FF FF FF {many} C0")),
+        []
+    );
+}
+
+#[test]
 fn every_prefix_of_a_descriptor_is_refused_or_has_no_more_axes() {
     for descriptor in [GAMEPAD, DIAL, JOYSTICK].map(hex) {
         let whole = axes(&descriptor).unwrap().len();
