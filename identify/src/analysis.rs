@@ -122,6 +122,7 @@ pub fn analyse_confirmed(
 ) -> Result<Analysis, DynamicsError> {
     let (mut diagnosis, confirmed) = confirmed_diagnosis(samples, settings, others)?;
     let lag = aligned(&mut diagnosis, settings)?;
+    leave_out_turns(&mut diagnosis)?;
     let base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
@@ -263,6 +264,23 @@ fn aligned(
             ..lag
         },
     }))
+}
+
+/// Leaves out where the joint turns, unless what is named foretells held-out strokes worse then: a grasp that gives turns before the
+/// joint does.
+fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
+    let slides = diagnosis.motion.leave_out_turns();
+    let (effects, model, floor) = (
+        diagnosis.effects.clone(),
+        diagnosis.model.clone(),
+        diagnosis.floor,
+    );
+    diagnosis.refit()?;
+    if diagnosis.model.held_out_rms > model.held_out_rms {
+        diagnosis.motion.slides = slides;
+        (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
+    }
+    Ok(())
 }
 
 /// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the

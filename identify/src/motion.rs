@@ -226,6 +226,14 @@ impl Motion {
         Ok(motion)
     }
 
+    /// Lets friction be unknown where the joint turns, too; gives [`Motion::slides`] as it was.
+    pub(crate) fn leave_out_turns(&mut self) -> Vec<bool> {
+        let turns = gate::turns(self);
+        let slides = self.slides.iter().zip(turns);
+        let left = slides.map(|(slides, turns)| *slides && !turns).collect();
+        core::mem::replace(&mut self.slides, left)
+    }
+
     /// The same samples with another coordinate, velocity and acceleration.
     pub(crate) fn with_states(&self, [q, dq, ddq]: [Vec<f64>; 3]) -> Self {
         let mut sign = Vec::with_capacity(dq.len());

@@ -258,9 +258,15 @@ fn axis_error(identified: &Identified, truth: &Truth) -> (f64, f64) {
 /// What the true parameters leave of the measured effort, motion and effort through the pipeline's own filters.
 fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
     let samples = &identified.samples;
-    let Ok(motion) = Motion::prepare(samples, &MotionSettings::default()) else {
+    let Ok(mut motion) = Motion::prepare(samples, &MotionSettings::default()) else {
         return f64::NAN;
     };
+    // Where friction was taken to be unknown it is here, too.
+    let analysis = identified.analysis.as_ref();
+    if let Some(diagnosis) = analysis.and_then(|analysis| analysis.diagnosis.as_ref()) {
+        let slides = motion.slides.iter_mut().zip(&diagnosis.motion.slides);
+        slides.for_each(|(here, there)| *here = *there);
+    }
     let needed: Vec<f64> = (0..motion.q.len())
         .map(|i| truth.effort(truth.q_at_grasp + motion.q[i], motion.dq[i], motion.ddq[i]))
         .collect();
