@@ -1,14 +1,29 @@
-//! The priority of acquisition threads.
+//! The priority of threads that a busy machine must not keep waiting.
 
-/// A nice value above ordinary programs and below the system's own real-time threads.
-const ACQUISITION_NICE: i32 = -10;
+/// What a thread does whose lateness costs somebody something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Duty {
+    /// Reads a port, whose buffer (4096 bytes, 55 ms of a tracker at 1 kHz) would run over.
+    Acquisition,
+    /// Publishes what was read to who waits for it.
+    Publishing,
+}
 
-/// Asks the system to prefer the calling thread to ordinary ones, so that a busy machine does not let a port's buffer (4096
-/// bytes, 55 ms of a tracker at 1 kHz) run over. Whether it was granted: it takes `CAP_SYS_NICE`, and nothing else depends on
-/// it.
-pub fn prefer_this_thread() -> bool {
+impl Duty {
+    /// A nice value above ordinary programs and below the system's own real-time threads.
+    const fn nice(self) -> i32 {
+        match self {
+            Self::Acquisition => -10,
+            Self::Publishing => -5,
+        }
+    }
+}
+
+/// Asks the system to prefer the calling thread to ordinary ones. Whether it was granted: it takes `CAP_SYS_NICE`, and nothing else
+/// depends on it.
+pub fn prefer_this_thread(duty: Duty) -> bool {
     // On Linux a nice value belongs to the thread, and a thread id stands for it.
-    rustix::process::setpriority_process(Some(rustix::thread::gettid()), ACQUISITION_NICE).is_ok()
+    rustix::process::setpriority_process(Some(rustix::thread::gettid()), duty.nice()).is_ok()
 }
 
 #[cfg(test)]
@@ -17,14 +32,17 @@ mod tests {
 
     #[test]
     fn only_the_calling_thread_is_preferred() {
-        let granted = std::thread::spawn(|| {
-            let granted = prefer_this_thread();
-            let own = rustix::process::getpriority_process(Some(rustix::thread::gettid()));
-            (granted, own)
-        });
-        let (granted, own) = granted.join().unwrap();
-        assert_eq!(granted, own == Ok(ACQUISITION_NICE));
-        let other = rustix::process::getpriority_process(Some(rustix::thread::gettid())).unwrap();
-        assert_ne!(other, ACQUISITION_NICE);
+        for duty in [Duty::Acquisition, Duty::Publishing] {
+            let granted = std::thread::spawn(move || {
+                let granted = prefer_this_thread(duty);
+                let own = rustix::process::getpriority_process(Some(rustix::thread::gettid()));
+                (granted, own)
+            });
+            let (granted, own) = granted.join().unwrap();
+            assert_eq!(granted, own == Ok(duty.nice()));
+            let this = Some(rustix::thread::gettid());
+            let other = rustix::process::getpriority_process(this).unwrap();
+            assert_ne!(other, duty.nice());
+        }
     }
 }

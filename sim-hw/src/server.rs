@@ -231,7 +231,9 @@ impl Server {
             .name("sim-hw".to_owned())
             .spawn(move || {
                 // Devices do not wait for a busy host; without CAP_SYS_NICE they have to.
-                let _ = ft_drivers::priority::prefer_this_thread();
+                let _ = ft_drivers::priority::prefer_this_thread(
+                    ft_drivers::priority::Duty::Acquisition,
+                );
                 let dropped = serve(&serving, &clock, &mut outlets);
                 // The receiver is gone when nobody asks.
                 let _ = report.send(dropped);

@@ -29,7 +29,7 @@ use ft_capture::open::{self, Connection};
 use ft_capture::queues::{QueueEnds, queues};
 use ft_capture::session::SessionError;
 use ft_capture::session::link_loop::LinkThread;
-use ft_drivers::priority::prefer_this_thread;
+use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::{Clock as _, MonotonicClock};
 use ft_wire::HostTime;
 
@@ -273,7 +273,7 @@ struct Watch {
 impl Watch {
     fn new(clock: MonotonicClock, plan: &Plan, devices: usize) -> Self {
         // The checker must not be behind by more than the queue holds, about a second.
-        let _ = prefer_this_thread();
+        let _ = prefer_this_thread(Duty::Acquisition);
         let begun = clock.now();
         let named = plan.devices.iter().enumerate();
         Self {

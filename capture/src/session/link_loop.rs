@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ft_drivers::device::Counted;
 use ft_drivers::link::record::RawFrame;
-use ft_drivers::priority::prefer_this_thread;
+use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::pump::{Outlet, Pump};
 use ft_drivers::reading::{Counts, DeviceEvent, Reading};
 use ft_drivers::{Clock, Device, Link, LinkError, MonotonicClock};
@@ -44,7 +44,7 @@ impl<I: Intake> LinkThread<I> {
         L: Link<Frame = D::Frame>,
     {
         // Not granted without CAP_SYS_NICE: then a busy machine may cost samples, and the ledger says so.
-        let _ = prefer_this_thread();
+        let _ = prefer_this_thread(Duty::Acquisition);
         let mut before = Counts::default();
         loop {
             let Err(error) = self.turn_until_stopped(&mut pump, before) else {

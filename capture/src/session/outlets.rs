@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError};
+use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
 
@@ -35,7 +36,7 @@ impl Outlets {
         }
     }
 
-    /// Publishes what comes until nobody sends any more. The messages that were refused, and the outlets: what they keep may
+    /// Publishes what comes until nobody sends any more, with the calling thread preferred to ordinary ones. The messages that were refused, and the outlets: what they keep may
     /// still be asked for.
     #[must_use]
     pub fn publish_until_closed(
@@ -43,6 +44,7 @@ impl Outlets {
         items: &Receiver<Item>,
         clock: MonotonicClock,
     ) -> (u64, Self) {
+        let _ = prefer_this_thread(Duty::Publishing);
         let mut refused = 0;
         loop {
             let taken = match items.recv_timeout(QUIET) {

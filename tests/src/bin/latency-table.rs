@@ -24,7 +24,7 @@ use ft_capture::queues::{Queues, queues};
 use ft_capture::session::outlets::Outlets;
 use ft_capture::sink::zenoh::ZenohSink;
 use ft_capture::{network, rmw};
-use ft_drivers::priority::prefer_this_thread;
+use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::pump::Outlet;
 use ft_drivers::reading::{Quality, Reading, SampleInstant, WrenchReading};
 use ft_drivers::{Clock, MonotonicClock};
@@ -119,7 +119,7 @@ fn measure(rate_hz: u64, windows: usize) -> Result<[Outcome; 2], Failure> {
     // As an acquisition thread: what was started before it keeps its own priority.
     let begins = std::thread::scope(|scope| {
         let feeding = scope.spawn(|| {
-            let _ = prefer_this_thread();
+            let _ = prefer_this_thread(Duty::Acquisition);
             feeds.alternate(rate_hz, windows, clock)
         });
         feeding.join().map_err(|_| "the feeding thread panicked")
@@ -213,7 +213,6 @@ impl Feeds {
         let bare = bare_session
             .declare_publisher(key)
             .congestion_control(CongestionControl::Drop)
-            .express(true)
             .wait()
             .map_err(|error| error.to_string())?;
         let mut payload = Vec::new();

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use ft_capture::item::Body;
-use ft_drivers::priority::prefer_this_thread;
+use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::{Clock as _, MonotonicClock};
 use ft_wire::robotous_rft::{Command, FilterSetting, Outcome, Record, Response, Text};
 use ft_wire::{
@@ -331,7 +331,7 @@ impl Player {
         std::thread::Builder::new()
             .name(format!("play-{}", self.kind.name()))
             .spawn(move || {
-                let _ = prefer_this_thread();
+                let _ = prefer_this_thread(Duty::Acquisition);
                 while !orders.let_go.load(Ordering::Relaxed) {
                     let now = self.clock.now();
                     self.turn(now, &orders);
