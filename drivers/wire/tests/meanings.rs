@@ -4,7 +4,7 @@
 
 use ft_wire::ati_netcanoem::{self, FACTORY_BASE, Reply};
 use ft_wire::robotous_rft::{self, FilterSetting, Model};
-use ft_wire::{CanFrame, bota_serial, hid, leptrino};
+use ft_wire::{CanFrame, bota_serial, dynamixel2, gs_usb, hid, leptrino};
 
 #[test]
 fn bota_status_bits_are_those_of_the_maker() {
@@ -80,6 +80,64 @@ fn parts_of_an_ati_matrix_are_in_the_order_of_their_ids() {
     }
 }
 
+/// The wrench is divided by these.
+#[test]
+fn ati_counts_of_none_per_unit_are_refused() {
+    let decode = |payload: [u8; 8]| {
+        let frame = CanFrame::standard(0x207, &payload).unwrap();
+        ati_netcanoem::decode(FACTORY_BASE, &frame)
+    };
+    let taken = Reply::CountsPerUnit([1, 1_000_000]);
+    assert_eq!(decode([0, 0, 0, 1, 0, 0x0F, 0x42, 0x40]), Ok(taken));
+    assert!(decode([0, 0, 0, 0, 0, 0x0F, 0x42, 0x40]).is_err());
+    assert!(decode([0, 0x0F, 0x42, 0x40, 0, 0, 0, 0]).is_err());
+}
+
+/// Codes 1 to 6: lbf, N, klbf, kN, kgf, gf; lbf in, lbf ft, N m, N mm, kgf cm, kN m. By the definitions of pound, inch and foot.
+#[test]
+fn ati_units_are_those_of_the_manual() {
+    const KGF: f64 = 9.806_65;
+    const LBF: f64 = 0.453_592_37 * KGF;
+    let forces = [LBF, 1.0, 1000.0 * LBF, 1000.0, KGF, 1e-3 * KGF];
+    let torques = [0.0254 * LBF, 0.3048 * LBF, 1.0, 1e-3, 0.01 * KGF, 1000.0];
+    for (code, expected) in (1..).zip(forces.into_iter().zip(torques)) {
+        let frame = CanFrame::standard(0x208, &[code, code]).unwrap();
+        let Ok(Reply::Units([force, torque])) = ati_netcanoem::decode(FACTORY_BASE, &frame) else {
+            panic!("{code}");
+        };
+        assert!((force / expected.0 - 1.0).abs() < 1e-12, "{code}: {force}");
+        assert!(
+            (torque / expected.1 - 1.0).abs() < 1e-12,
+            "{code}: {torque}"
+        );
+    }
+}
+
+/// Half of the second phase, at most the adapter's limit (the seventh word), as Linux has it.
+#[test]
+fn a_candlelights_jump_is_half_of_the_second_phase() {
+    let jump = |most| {
+        let words: [u32; 10] = [0x13, 48_000_000, 1, 16, 1, 8, most, 1, 1024, 1];
+        let bytes = words.map(u32::to_le_bytes).concat();
+        let timing = gs_usb::Limits::decode(&bytes).unwrap().timing(1_000_000);
+        let timing = timing.unwrap();
+        (timing.phase_2, timing.jump)
+    };
+    assert_eq!((jump(4), jump(1)), ((4, 2), (4, 1)));
+}
+
+/// The control table of XL330, XL430 and XM430.
+#[test]
+fn dynamixel_addresses_are_those_of_the_manual() {
+    use dynamixel2::address;
+    let addresses = [
+        address::TORQUE_ENABLE,
+        address::HARDWARE_ERROR,
+        address::PRESENT_STATE,
+    ];
+    assert_eq!(addresses, [64, 70, 126]);
+}
+
 /// Manual 1.82, and the maker's ROS 2 package.
 #[test]
 fn robotous_codes_are_those_of_the_manual() {
@@ -125,16 +183,35 @@ fn robotous_models_have_the_manuals_divisors() {
     assert_eq!(models, expected);
 }
 
-/// HID 1.11, 6.2.2.5: bit 0 of an input is set for padding, which has no value whatever its usage.
+/// A dial of a byte in degrees, 0 to `most`, with this unit exponent and these flags of its input.
+fn dials(most: u8, exponent: u8, flags: u8) -> Vec<hid::Axis> {
+    let descriptor = [
+        0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x15, 0x00, 0x25, most, 0x55, exponent, 0x65, 0x14,
+        0x75, 0x08, 0x95, 0x01, 0x09, 0x37, 0x81, flags, 0xC0,
+    ];
+    hid::axes(&descriptor).unwrap_or_default()
+}
+
+/// HID 1.11, 6.2.2.5: bit 0 of an input is set for padding, which has no value whatever its usage; bit 2 for steps.
 #[test]
-fn constant_inputs_are_padding() {
-    let dial = |flags| {
-        let descriptor = [
-            0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x15, 0x00, 0x25, 0x64, 0x75, 0x08, 0x95, 0x01,
-            0x09, 0x37, 0x81, flags, 0xC0,
-        ];
-        hid::axes(&descriptor).map(|axes| axes.len())
+fn inputs_are_padding_positions_or_steps() {
+    let motions = |flags| -> Vec<_> {
+        let dials = dials(100, 0, flags).into_iter();
+        dials.map(|dial| dial.motion).collect()
     };
-    assert_eq!(dial(0x02), Ok(1));
-    assert!(!matches!(dial(0x03), Ok(1..)), "{:?}", dial(0x03));
+    assert_eq!(motions(0x02), [hid::Motion::Absolute]);
+    assert_eq!(motions(0x06), [hid::Motion::Relative]);
+    assert_eq!(motions(0x03), []);
+}
+
+/// HID 1.11, 6.2.2.7: an exponent is four bits with a sign, 7 the largest and 8 the smallest.
+#[test]
+fn unit_exponents_have_a_sign() {
+    let exponents = [0x0, 0x1, 0x7, 0x8, 0xF].map(|code| dials(100, code, 0x02)[0].exponent);
+    assert_eq!(exponents, [0, 1, 7, -8, -1]);
+}
+
+#[test]
+fn a_maximum_of_minus_one_behind_a_minimum_of_none_means_255() {
+    assert_eq!(dials(0xFF, 0, 0x02)[0].logical, (0, 255));
 }
