@@ -4,7 +4,7 @@
 
 use ft_wire::ati_netcanoem::{self, FACTORY_BASE, Reply};
 use ft_wire::robotous_rft::{self, FilterSetting, Model};
-use ft_wire::{CanFrame, bota_serial, dynamixel2, gs_usb, hid, leptrino};
+use ft_wire::{CanFrame, bota_serial, dynamixel2, gs_usb, hid, leptrino, optoforce_hex};
 
 #[test]
 fn bota_status_bits_are_those_of_the_maker() {
@@ -30,6 +30,20 @@ fn leptrino_status_bits_are_those_of_the_protocol() {
     ];
     assert_eq!(bits, [0x01, 0x02, 0x04]);
     assert!(Status(0x04).has(Status::OVER_RATING) && !Status(0x03).has(Status::OVER_RATING));
+}
+
+/// `optoforce: status.py`: bits 15 to 13 the converter, 12 to 10 the sensor, 9 to 4 Fx to Tz.
+#[test]
+fn optoforce_status_has_three_parts() {
+    use optoforce_hex::Status;
+    for code in [0, 1, 2, 4, 7] {
+        let status = |shift: u32| Status(code << shift);
+        let parts = |status: Status| (status.converter(), status.sensor(), status.overload());
+        assert_eq!(parts(status(13)), (code, 0, 0));
+        assert_eq!(parts(status(10)), (0, code, 0));
+        assert_eq!(parts(status(4)), (0, 0, code));
+    }
+    assert_eq!(Status(0x03F0).overload(), 0x3F);
 }
 
 /// 9610-05-1030, section 7.
