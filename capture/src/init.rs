@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 
 use ft_drivers::discover::{CanInterface, FoundAdapter, FoundHid, FoundPort};
 
+use crate::config::Driver;
+
 /// What is plugged in.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
@@ -48,7 +50,7 @@ id = \"gripper\"
 /// The text of the configuration. A device that only one driver takes stands ready, unless its topic is taken already.
 #[must_use]
 pub fn capture_toml(found: &Found) -> String {
-    let mut text = HEAD.to_owned();
+    let (mut text, mut filled) = (HEAD.to_owned(), Vec::new());
     for (number, port) in (1..).zip(&found.ports) {
         let path = port.by_id.as_ref().unwrap_or(&port.path);
         let takers = port.identity().map_or(&[][..], |identity| identity.takers);
@@ -56,6 +58,7 @@ pub fn capture_toml(found: &Found) -> String {
         let name = format!("serial_{number}");
         block(
             &mut text,
+            &mut filled,
             &name,
             &path.display().to_string(),
             takers,
@@ -65,7 +68,14 @@ pub fn capture_toml(found: &Found) -> String {
     let on_can = ["robotous_can", "optoforce_can", "ati_netcanoem"];
     for interface in &found.interfaces {
         let name = &interface.name;
-        block(&mut text, name, name, &on_can, &interface.driver);
+        block(
+            &mut text,
+            &mut filled,
+            name,
+            name,
+            &on_can,
+            &interface.driver,
+        );
     }
     // Where the kernel made no interface of it.
     let alone = found
@@ -76,6 +86,7 @@ pub fn capture_toml(found: &Found) -> String {
         let name = format!("gs_usb_{number}");
         block(
             &mut text,
+            &mut filled,
             &name,
             &adapter.port(),
             &on_can,
@@ -89,6 +100,7 @@ pub fn capture_toml(found: &Found) -> String {
         let takers = ["hid_axis", "(not the gripper's)"];
         block(
             &mut text,
+            &mut filled,
             &name,
             &hid.path.display().to_string(),
             &takers,
@@ -101,11 +113,23 @@ pub fn capture_toml(found: &Found) -> String {
     text
 }
 
-fn block(text: &mut String, name: &str, port: &str, takers: &[&str], about: &str) {
-    let (mark, driver) = match takers {
-        [only] => ("", *only),
-        [first, ..] => ("# ", *first),
-        [] => ("# ", "?"),
+/// `filled` are the topics of the devices that stand ready.
+fn block(
+    text: &mut String,
+    filled: &mut Vec<&'static str>,
+    name: &str,
+    port: &str,
+    takers: &[&str],
+    about: &str,
+) {
+    let driver = takers.first().copied().unwrap_or("?");
+    let topic = Driver::by_name(driver).map(Driver::topic);
+    let mark = match topic.filter(|topic| takers.len() == 1 && !filled.contains(topic)) {
+        Some(topic) => {
+            filled.push(topic);
+            ""
+        }
+        None => "# ",
     };
     let choices = if takers.is_empty() {
         "no driver knows this identity".to_owned()
@@ -136,7 +160,7 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
-    use crate::config::{Config, Driver};
+    use crate::config::Config;
 
     fn port(path: &str, vendor: u16, product: u16) -> FoundPort {
         FoundPort {
@@ -186,6 +210,21 @@ mod tests {
         ] {
             assert!(text.contains(offered), "{offered}: {text}");
         }
+    }
+
+    #[test]
+    fn of_two_devices_for_one_topic_the_first_stands_ready() {
+        let found = Found {
+            ports: ["/dev/ttyACM0", "/dev/ttyACM1"]
+                .map(|path| port(path, 0x04D8, 0x000A))
+                .to_vec(),
+            ..Found::default()
+        };
+        let text = capture_toml(&found);
+        let config = Config::from_toml(&text, Path::new("capture.toml")).unwrap();
+        assert_eq!(config.devices.len(), 1);
+        assert_eq!(config.devices[0].port, "/dev/ttyACM0");
+        assert!(text.contains("# port = \"/dev/ttyACM1\""), "{text}");
     }
 
     #[test]

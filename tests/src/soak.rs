@@ -43,6 +43,8 @@ const LONGEST_SILENCE: Duration = Duration::from_secs(12);
 const CALM_END: Duration = Duration::from_secs(6);
 /// From the last byte of a player to the stop of the link threads.
 const RUN_OFF: Duration = Duration::from_millis(300);
+/// Share of a core that a link thread may take for each 1000 samples per second.
+const MOST_CPU: f64 = 0.05;
 /// A thread that does not end within this is stuck.
 const LONGEST_END: Duration = Duration::from_secs(5);
 
@@ -98,6 +100,8 @@ pub struct Stream {
     pub kind: Kind,
     /// Its name in the configuration.
     pub name: String,
+    /// Samples per second that it sends.
+    pub rate_hz: f64,
     /// What its player did.
     pub played: Played,
     /// What became of its frames.
@@ -135,9 +139,15 @@ pub enum SoakError {
     Session(#[from] SessionError),
 }
 
+/// The number comes first: the kernel keeps 15 bytes of a thread's name.
+fn name(index: usize, kind: Kind) -> String {
+    format!("{index}_{}", kind.name())
+}
+
 struct Running {
     name: String,
     kind: Kind,
+    rate_hz: f64,
     player: JoinHandle<Played>,
     link: JoinHandle<()>,
     counters: Arc<StreamCounters>,
@@ -157,7 +167,7 @@ pub fn run(plan: &Plan) -> Result<Report, SoakError> {
     let mut running = Vec::new();
     let mut accounts = Vec::new();
     for (index, (kind, rate_hz)) in plan.devices.iter().enumerate() {
-        let name = format!("{}{index}", kind.name());
+        let name = name(index, *kind);
         let port = folder.path().join(&name);
         let seed = plan.seed.wrapping_mul(1000).wrapping_add(index as u64);
         let player = Player::new(*kind, *rate_hz, plan.faults.then_some(seed), &port, clock)?;
@@ -175,6 +185,7 @@ pub fn run(plan: &Plan) -> Result<Report, SoakError> {
         running.push(Running {
             name,
             kind: *kind,
+            rate_hz: *rate_hz,
             player,
             link,
             counters,
@@ -214,18 +225,21 @@ fn finish(
         if !one.link.is_finished() || one.link.join().is_err() {
             watch.stuck.push(format!("{}: its link thread", one.name));
         }
-        streams.push((one.kind, one.name, one.player, one.counters, cpu));
+        let device = (one.kind, one.name, one.rate_hz);
+        streams.push((device, one.player, one.counters, cpu));
     }
     watch.take_until(clock.now() + RUN_OFF, ends, &mut accounts);
     orders.let_go();
     let streams = streams
         .into_iter()
         .zip(accounts)
-        .map(|((kind, name, player, counters, cpu), account)| {
+        .map(|((device, player, counters, cpu), account)| {
             let played = player.join().unwrap_or_default();
+            let (kind, name, rate_hz) = device;
             Stream {
                 kind,
                 name,
+                rate_hz,
                 played,
                 tally: account.close(),
                 ledger: counters.snapshot(),
@@ -285,9 +299,7 @@ impl Watch {
             memory_before: 0,
             memory_most: 0,
             stuck: Vec::new(),
-            names: named
-                .map(|(index, (kind, _))| format!("{}{index}", kind.name()))
-                .collect(),
+            names: named.map(|(index, (kind, _))| name(index, *kind)).collect(),
             faulty: plan.faults,
         }
     }
@@ -348,7 +360,16 @@ impl Report {
         if most > before + 512 {
             faults.push(format!("memory grew from {before} to {most} kB"));
         }
-        faults.extend(self.streams.iter().flat_map(Stream::faults));
+        for stream in &self.streams {
+            faults.extend(stream.faults());
+            let most = MOST_CPU * (stream.rate_hz / 1000.0).max(1.0);
+            if stream.cpu > most {
+                let (name, took) = (&stream.name, stream.cpu);
+                faults.push(format!(
+                    "{name}: its thread took {took:.3} of a core, more than {most}"
+                ));
+            }
+        }
         let mut streams = self.streams.iter();
         if !self.faulty && streams.any(|stream| stream.tally.delivered != stream.played.sent) {
             faults.push("a sample was not delivered though there were no faults".to_owned());

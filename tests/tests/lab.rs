@@ -55,6 +55,7 @@ cases! {
     udev_line_that_devices_prints_works
     service_finds_a_replugged_sensor_under_another_name
     service_comes_back_after_bus_off_and_a_downed_bus
+    service_records_on_after_a_candlelight_was_replugged
     candle_is_ours_alone
     candle_two_of_a_kind_are_told_apart
     candle_weighs_for_long

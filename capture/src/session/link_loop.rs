@@ -46,17 +46,20 @@ impl<I: Intake> LinkThread<I> {
         // Not granted without CAP_SYS_NICE: then a busy machine may cost samples, and the ledger says so.
         let _ = prefer_this_thread(Duty::Acquisition);
         let mut before = Counts::default();
+        let mut back_off = BACK_OFF.0;
         loop {
             let Err(error) = self.turn_until_stopped(&mut pump, before) else {
                 return;
             };
+            // A link that opens and fails at once is tried as seldom as one that does not open.
+            if pump.counts().received > 0 {
+                back_off = BACK_OFF.0;
+            }
             before = before + pump.counts();
             // A dead port that is still open keeps its name from the device that comes back.
             drop(pump);
-            self.report(DeviceEvent::Lost {
-                reason: with_cause(&error),
-            });
-            let Some(reopened) = self.reopen_until_stopped(&mut reopen) else {
+            self.report_loss(&error);
+            let Some(reopened) = self.reopen_until_stopped(&mut reopen, &mut back_off) else {
                 return;
             };
             pump = reopened;
@@ -83,28 +86,40 @@ impl<I: Intake> LinkThread<I> {
         Ok(())
     }
 
+    /// Says why it does not open, once, unless it is just not there yet.
     fn reopen_until_stopped<P>(
         &mut self,
         reopen: &mut impl FnMut() -> Result<P, LinkError>,
+        back_off: &mut Duration,
     ) -> Option<P> {
-        let mut back_off = BACK_OFF.0;
+        let mut told = String::new();
         loop {
-            let until = self.clock.now() + back_off;
+            let until = self.clock.now() + *back_off;
             while self.clock.now() < until {
                 if self.stop.load(Ordering::Relaxed) {
                     return None;
                 }
                 self.clock.wait_until(until.min(self.clock.now() + TURN));
             }
+            *back_off = (*back_off * 2).min(BACK_OFF.1);
             match reopen() {
                 Ok(pump) => return Some(pump),
-                Err(_) => back_off = (back_off * 2).min(BACK_OFF.1),
+                Err(LinkError::Gone { .. } | LinkError::NotFound { .. }) => {}
+                Err(error) => {
+                    let text = with_cause(&error);
+                    if text != told {
+                        self.report_loss(&error);
+                        told = text;
+                    }
+                }
             }
         }
     }
 
-    fn report(&mut self, event: DeviceEvent) {
+    fn report_loss(&mut self, error: &LinkError) {
         let at = self.clock.now();
+        let reason = with_cause(error);
+        let event = DeviceEvent::Lost { reason };
         Outlet::<ft_wire::Chunk>::reading(&mut self.channel, Reading::Event { at, event });
     }
 }
@@ -116,3 +131,6 @@ fn with_cause(error: &LinkError) -> String {
         None => error.to_string(),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -309,6 +309,14 @@ fn usb_error(call: &'static str, port: String, error: rusb::Error) -> LinkError 
     }
 }
 
+/// Of a bulk transfer: [`rusb::Error::Io`] and [`rusb::Error::Pipe`] are what the system makes of an endpoint that is no longer there.
+fn transfer_error(call: &'static str, port: String, error: rusb::Error) -> LinkError {
+    match error {
+        rusb::Error::Io | rusb::Error::Pipe => LinkError::Gone { port },
+        error => usb_error(call, port, error),
+    }
+}
+
 impl Link for GsUsbLink {
     type Frame = CanFrame;
 
@@ -326,12 +334,7 @@ impl Link for GsUsbLink {
                     }
                 }
                 Err(rusb::Error::Timeout | rusb::Error::Interrupted) => {}
-                // What the system makes of an endpoint that is no longer there.
-                Err(rusb::Error::Io | rusb::Error::Pipe) => {
-                    let port = self.name.clone();
-                    return Err(LinkError::Gone { port });
-                }
-                Err(error) => return Err(usb_error("read", self.name.clone(), error)),
+                Err(error) => return Err(transfer_error("read", self.name.clone(), error)),
             }
             if self.clock.now() >= deadline {
                 return Ok(None);
@@ -348,7 +351,7 @@ impl Link for GsUsbLink {
         match self.handle.write_bulk(self.endpoints.1, &bytes, ANSWER) {
             Ok(_) => Ok(()),
             Err(rusb::Error::Timeout) => Err(unheard()),
-            Err(error) => Err(usb_error("write", self.name.clone(), error)),
+            Err(error) => Err(transfer_error("write", self.name.clone(), error)),
         }
     }
 
@@ -379,6 +382,18 @@ mod tests {
         assert!(text(rusb::Error::Busy).contains("busy"));
         assert!(text(rusb::Error::Access).contains("udev"));
         assert_eq!(text(rusb::Error::Overflow), "read on gs_usb:A1 failed");
+    }
+
+    #[test]
+    fn an_adapter_pulled_out_during_a_transfer_is_gone() {
+        for call in ["read", "write"] {
+            for error in [rusb::Error::Io, rusb::Error::Pipe, rusb::Error::NoDevice] {
+                let ended = transfer_error(call, "gs_usb:A1".to_owned(), error);
+                assert!(matches!(ended, LinkError::Gone { .. }), "{ended:?}");
+            }
+        }
+        let ended = transfer_error("write", "gs_usb:A1".to_owned(), rusb::Error::Overflow);
+        assert!(matches!(ended, LinkError::Io { .. }), "{ended:?}");
     }
 
     #[test]

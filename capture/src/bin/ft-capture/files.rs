@@ -77,7 +77,8 @@ pub(crate) fn devices() -> CommandResult {
 
 /// Writes a first configuration from what is plugged in.
 pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
-    let text = init::capture_toml(&Found::now());
+    let found = Found::now();
+    let text = init::capture_toml(&found);
     let file = if force {
         std::fs::File::create(output)
     } else {
@@ -93,10 +94,12 @@ pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
             }
             _ => format!("{}: {error}", output.display()),
         })?;
-    say(&format!(
-        "written to {}: choose the drivers in it",
-        output.display()
-    ))?;
+    let next = if found.is_empty() {
+        "nothing is plugged in"
+    } else {
+        "choose the drivers in it"
+    };
+    say(&format!("written to {}: {next}", output.display()))?;
     Ok(Outcome::Fine)
 }
 
