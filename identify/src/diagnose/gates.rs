@@ -6,8 +6,11 @@ use super::search::{Refused, State};
 use crate::effect::library::Kind;
 use crate::least_squares::rms;
 
-/// An effect must move the effort (held-out) by so many noise floors.
+/// An effect must move the effort (held-out) by so many noise floors; one that acts in less than a share `LOCAL` of the samples by
+/// the less the fewer they are, down to `LEAST_OF_LOCAL` of that.
 pub(super) const LEAST_SIZE: f64 = 0.5;
+const LOCAL: f64 = 0.25;
+const LEAST_OF_LOCAL: f64 = 0.6;
 /// Held-out errors within this factor of the floor have nothing to explain.
 const AT_FLOOR: f64 = 1.03;
 /// Share of the blocks that must get better.
@@ -132,9 +135,11 @@ impl State {
                 seen.mse.sqrt()
             ));
         }
-        if size < LEAST_SIZE * floor {
+        let local = (self.share_touched(entry) / LOCAL).sqrt();
+        let least = LEAST_SIZE * local.clamp(LEAST_OF_LOCAL, 1.0);
+        if size < least * floor {
             return Some(format!(
-                "it moves the effort by {size:.3}, less than {LEAST_SIZE} of the noise floor {floor:.3}"
+                "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
             ));
         }
         if entry.helps < LEAST_HELPED {
@@ -155,6 +160,22 @@ impl State {
 }
 
 impl State {
+    /// The share of the samples in which a candidate acts: 1 for a constant, little for what acts at one place only.
+    fn share_touched(&self, entry: &Ranked) -> f64 {
+        let Ok(columns) = self.ground.columns_of(entry.kind, &entry.shape) else {
+            return 1.0;
+        };
+        let used = columns.iter().zip(&entry.used).filter(|(_, used)| **used);
+        let mut effort = vec![0.0; self.ground.y.len()];
+        for ((column, _), theta) in used.zip(&entry.theta) {
+            for (effort, value) in effort.iter_mut().zip(column) {
+                *effort += theta * value;
+            }
+        }
+        let moment = |power: i32| effort.iter().map(|v| v.powi(power)).sum::<f64>();
+        moment(2).powi(2) / (effort.len() as f64 * moment(4)).max(f64::MIN_POSITIVE)
+    }
+
     /// How far the tool moves before the object does: a play, or a compliance under the usual effort.
     fn given_way(&self, found: &Found) -> f64 {
         if found.kind.name == "backlash" {
