@@ -19,7 +19,7 @@ use sha2::{Digest, Sha256};
 use crate::error::IdentifyError;
 use crate::motion::MotionSettings;
 use crate::output::write_to;
-use crate::pipeline::identify_recording;
+use crate::pipeline::{DAMAGED, identify_recording};
 
 /// What became of one recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,6 +48,9 @@ pub struct BatchRow {
     pub held_out_rms: Option<f64>,
     /// The report's verdict.
     pub verdict: Option<String>,
+    /// What is wrong with the file, when only a part of it was used.
+    #[serde(default)]
+    pub damage: Option<String>,
 }
 
 /// How an identification of a batch ended.
@@ -75,7 +78,7 @@ pub struct BatchOptions {
     pub settings: MotionSettings,
 }
 
-/// Recordings (`*.mcap`) below `directory`, by name, but for those in folders below it that cannot be listed.
+/// Recordings (`*.mcap`, and `*.mcap.partial`, which was never finished) below `directory`, by name, but for those in folders below it that cannot be listed.
 ///
 /// # Errors
 /// The directory cannot be listed.
@@ -90,7 +93,7 @@ type Unlisted = (PathBuf, std::io::Error);
 fn search(directory: &Path) -> Result<(Vec<PathBuf>, Vec<Unlisted>), IdentifyError> {
     let (mut found, mut unlisted) = (Vec::new(), Vec::new());
     let mut folders = Vec::new();
-    list(directory, &mut found, &mut folders).map_err(|source| IdentifyError::Write {
+    list(directory, &mut found, &mut folders).map_err(|source| IdentifyError::List {
         path: directory.to_owned(),
         source,
     })?;
@@ -115,21 +118,27 @@ fn list(
         // A link to a folder may lead round in a circle.
         if entry.file_type()?.is_dir() {
             folders.push(path);
-        } else if path
-            .extension()
-            .is_some_and(|extension| extension == "mcap")
-        {
+        } else if is_recording(&path) {
             found.push(path);
         }
     }
     Ok(())
 }
 
+fn is_recording(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.ends_with(".mcap") || name.ends_with(UNFINISHED)
+}
+
+/// How the name of a recording ends that is being written, or whose writer was ended by force.
+const UNFINISHED: &str = ".mcap.partial";
+
 /// Identifies every recording below `directory` into `output`; gives a row for each, in order of their names, and then one for each folder
-/// that cannot be listed. `done` hears of each row and whether it is of an earlier run.
+/// that cannot be listed. `done` hears of each row and whether it is of an earlier run. The table is written anew with each row, so that it
+/// is there whenever the run is ended.
 ///
 /// # Errors
-/// The directory cannot be listed, or the table not be written.
+/// The directory cannot be listed or has no recordings, or the table cannot be written.
 pub fn run(
     directory: &Path,
     output: &Path,
@@ -137,6 +146,10 @@ pub fn run(
     done: &(dyn Fn(&BatchRow, bool) + Sync),
 ) -> Result<Vec<BatchRow>, IdentifyError> {
     let (files, unlisted) = search(directory)?;
+    if files.is_empty() && unlisted.is_empty() {
+        let path = directory.to_owned();
+        return Err(IdentifyError::NoRecordings { path });
+    }
     let next = AtomicUsize::new(0);
     let rows = Mutex::new(vec![None; files.len()]);
     let work = || {
@@ -147,6 +160,9 @@ pub fn run(
             done(&row, is_old);
             if let Ok(mut rows) = rows.lock() {
                 rows[index] = Some(row);
+                let so_far: Vec<BatchRow> = rows.iter().flatten().cloned().collect();
+                // The last time counts.
+                let _ = write_table(output, &so_far);
             }
         }
     };
@@ -185,7 +201,7 @@ fn write_table(output: &Path, rows: &[BatchRow]) -> Result<(), IdentifyError> {
 
 fn csv(rows: &[BatchRow]) -> String {
     let mut text = String::from(
-        "name,outcome,kind,range,inertia,inertia_std,coulomb,coulomb_std,viscous,viscous_std,effects,held_out_rms,verdict,reason\n",
+        "name,outcome,kind,range,inertia,inertia_std,coulomb,coulomb_std,viscous,viscous_std,effects,held_out_rms,verdict,reason,damage\n",
     );
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     for row in rows {
@@ -200,7 +216,7 @@ fn csv(rows: &[BatchRow]) -> String {
         };
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{}",
             quoted(&row.name),
             row.outcome.name(),
             row.kind.as_deref().unwrap_or(""),
@@ -212,6 +228,7 @@ fn csv(rows: &[BatchRow]) -> String {
             number(row.held_out_rms),
             row.verdict.as_deref().unwrap_or(""),
             quoted(row.reason.as_deref().unwrap_or("")),
+            quoted(row.damage.as_deref().unwrap_or("")),
         );
     }
     text
@@ -231,7 +248,23 @@ impl Outcome {
 
 fn one(directory: &Path, file: &Path, output: &Path, options: &BatchOptions) -> (BatchRow, bool) {
     let below = file.strip_prefix(directory).unwrap_or(file);
+    if file.to_string_lossy().ends_with(UNFINISHED) {
+        let (name, reason) = (
+            below.display().to_string(),
+            "it was never finished: `ft-capture recover` it first",
+        );
+        return (
+            BatchRow::failed(name, String::new(), reason.to_owned()),
+            false,
+        );
+    }
     let name = below.with_extension("").display().to_string();
+    if !file.is_file() {
+        return (
+            BatchRow::failed(name, String::new(), "it is no regular file".to_owned()),
+            false,
+        );
+    }
     let folder = output.join(below.with_extension(""));
     let note = folder.join("batch.json");
     let key = match key(file, options) {
@@ -307,6 +340,7 @@ impl BatchRow {
             effects: Vec::new(),
             held_out_rms: None,
             verdict: None,
+            damage: None,
         }
     }
 
@@ -331,6 +365,10 @@ impl BatchRow {
             .and_then(Value::as_object)
             .and_then(|reasons| reasons.values().next()?.as_str().map(str::to_owned));
         let effects = report["effects"].as_array().into_iter().flatten();
+        let notes = report["notes"].as_array().into_iter().flatten();
+        let damage = notes
+            .filter_map(Value::as_str)
+            .find(|note| note.starts_with(DAMAGED));
         Self {
             name,
             key,
@@ -352,6 +390,7 @@ impl BatchRow {
                 .pointer("/final/held_out_rms")
                 .and_then(Value::as_f64),
             verdict,
+            damage: damage.map(str::to_owned),
         }
     }
 
@@ -369,9 +408,14 @@ impl BatchRow {
             number(self.inertia),
             number(self.coulomb),
             number(self.viscous),
-            self.reason
+            [self
+                .reason
                 .clone()
-                .unwrap_or_else(|| self.effects.join(" "))
+                .unwrap_or_else(|| self.effects.join(" "))]
+            .into_iter()
+            .chain(self.damage.clone())
+            .collect::<Vec<_>>()
+            .join("; ")
         )
     }
 }
@@ -426,5 +470,29 @@ mod tests {
             "{reason}"
         );
         assert!(recordings(&input.join("none")).is_err());
+    }
+
+    #[test]
+    fn what_is_no_finished_recording_is_a_row_and_no_recordings_are_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let [input, output] = ["in", "out"].map(|name| folder.path().join(name));
+        std::fs::create_dir_all(&input).unwrap();
+        let options = BatchOptions {
+            jobs: 1,
+            again: false,
+            map: TopicMap::default(),
+            settings: MotionSettings::default(),
+        };
+        let none = run(&input, &output, &options, &|_, _| {}).unwrap_err();
+        assert!(matches!(none, IdentifyError::NoRecordings { .. }), "{none}");
+        std::fs::write(input.join("a.mcap.partial"), b"begun").unwrap();
+        std::os::unix::fs::symlink(folder.path(), input.join("b.mcap")).unwrap();
+        let rows = run(&input, &output, &options, &|_, _| {}).unwrap();
+        let reasons = rows.iter().map(|row| row.reason.as_deref().unwrap());
+        let [partial, folder] = reasons.collect::<Vec<_>>()[..] else {
+            panic!("{rows:?}");
+        };
+        assert!(partial.contains("recover"), "{partial}");
+        assert!(folder.contains("no regular file"), "{folder}");
     }
 }

@@ -101,6 +101,19 @@ pub enum IdentifyError {
         /// Why.
         source: Box<IdentifyError>,
     },
+    /// A recording was to confirm itself.
+    #[error("it is the same recording; record the same joint a second time")]
+    ConfirmsItself,
+    /// A recording that was to confirm is of another joint.
+    #[error(
+        "it shows a {there} joint, the other recording a {here} one; record the same joint a second time"
+    )]
+    OtherJoint {
+        /// Kind of the joint that is identified.
+        here: &'static str,
+        /// Kind of the joint that was to confirm it.
+        there: &'static str,
+    },
     /// No joint can be named.
     #[error(transparent)]
     Select(#[from] SelectError),
@@ -123,6 +136,20 @@ pub enum IdentifyError {
     #[error("{} exists: choose another directory with -o, or replace it with --force", path.display())]
     Exists {
         /// The file.
+        path: PathBuf,
+    },
+    /// A folder of recordings cannot be listed.
+    #[error("cannot list {}: {source}", path.display())]
+    List {
+        /// The folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A folder has no recordings.
+    #[error("no recordings (*.mcap) below {}", path.display())]
+    NoRecordings {
+        /// The folder.
         path: PathBuf,
     },
     /// A result cannot be written.

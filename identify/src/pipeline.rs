@@ -61,6 +61,9 @@ const MOST_SATURATED: f64 = 0.002;
 const MOST_OFF_PATH_M: f64 = 0.01;
 const KINEMATIC_RATE_HZ: f64 = 50.0;
 
+/// How the note begins of a recording of which only a part could be used.
+pub const DAMAGED: &str = "the file is damaged";
+
 /// Identifies one recording.
 ///
 /// # Errors
@@ -86,18 +89,21 @@ pub fn identify_confirmed(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let mut others = Vec::new();
+    let cannot = |path: &Path, source| IdentifyError::Confirm {
+        path: path.to_owned(),
+        source: Box::new(source),
+    };
+    let (mut others, mut hashes) = (Vec::new(), Vec::new());
     for other in confirm {
-        let samples = Recording::load(other, map)
-            .map_err(IdentifyError::from)
-            .and_then(|recording| joint_samples(&recording, settings))
-            .map_err(|source| IdentifyError::Confirm {
-                path: other.clone(),
-                source: Box::new(source),
-            })?;
+        let recording = Recording::load(other, map).map_err(|error| cannot(other, error.into()))?;
+        let samples = joint_samples(&recording, settings).map_err(|error| cannot(other, error))?;
         others.push((file_name(other), samples));
+        hashes.push(recording.sha256);
     }
     let mut recording = Recording::load(path, map)?;
+    if let Some(at) = hashes.iter().position(|hash| *hash == recording.sha256) {
+        return Err(cannot(&confirm[at], IdentifyError::ConfirmsItself));
+    }
     progress(Stage::Read);
     let tool = ToolSamples::from_recording(&recording)?;
     // Hours of samples, all of them in `tool` now.
@@ -153,6 +159,14 @@ fn identify_with(
         effort,
     } = Held::of(recording, &tool, &kinematics, settings, progress)?;
     progress(Stage::Joint);
+    let here = joint.axis.kind;
+    if let Some((file, there)) = others.iter().find(|(_, other)| other.kind != here) {
+        let (here, there) = (here.name(), there.kind.name());
+        return Err(IdentifyError::Confirm {
+            path: PathBuf::from(file),
+            source: Box::new(IdentifyError::OtherJoint { here, there }),
+        });
+    }
     drop(kinematics);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
     let period = tool.period;
@@ -438,9 +452,9 @@ fn describe(
         report.notes.push("the tool's rotation does not follow the joint (it turned in the hand or the grasp); positions alone were used".to_owned());
     }
     if let Some(damage) = &recording.health.truncated {
-        report.notes.push(format!(
-            "the file is damaged: {damage}; what came before was used"
-        ));
+        report
+            .notes
+            .push(format!("{DAMAGED}: {damage}; what came before was used"));
     }
     report
 }

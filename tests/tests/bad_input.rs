@@ -413,3 +413,24 @@ fn a_reader_that_has_gone_is_no_error() {
 fn wait(time: std::time::Duration) {
     std::thread::sleep(time);
 }
+
+#[test]
+fn a_recording_of_another_joint_or_the_same_recording_confirms_nothing() {
+    let folder = tempdir().unwrap();
+    for (scenario, file) in [("drawer_light", "drawer.mcap"), ("wood_door", "door.mcap")] {
+        ft_tests::truth::record(scenario, 5, &folder.path().join(file));
+    }
+    for (confirm, why) in [
+        ("drawer.mcap", "it is the same recording"),
+        (
+            "door.mcap",
+            "it shows a revolute joint, the other recording a prismatic one",
+        ),
+    ] {
+        let arguments = ["drawer.mcap", "--confirm", confirm, "-o", "twin"];
+        identify(folder.path(), &arguments)
+            .expect_code(1)
+            .complains(&[confirm, "cannot confirm anything", why]);
+        assert!(!folder.path().join("twin").exists());
+    }
+}

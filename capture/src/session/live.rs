@@ -217,6 +217,7 @@ impl Operator<'_> {
                 status_due = now + STATUS_PERIOD;
                 publisher.set_status(self.status(), now);
             }
+            publisher.tick(now);
             surroundings.progress(elapsed, &self.health, self.bytes());
             let over = self
                 .plan

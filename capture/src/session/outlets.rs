@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError};
+use crossbeam_channel::Receiver;
 use ft_drivers::priority::{Duty, prefer_this_thread};
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
@@ -13,9 +13,6 @@ use crate::item::Item;
 use crate::live::{Hub, Sample};
 use crate::sink::SinkError;
 use crate::sink::zenoh::ZenohSink;
-
-/// How long the publisher sleeps when nothing comes.
-const QUIET: Duration = Duration::from_millis(20);
 
 /// Where items go.
 #[derive(Debug)]
@@ -36,8 +33,8 @@ impl Outlets {
         }
     }
 
-    /// Publishes what comes until nobody sends any more, with the calling thread preferred to ordinary ones. The messages that were refused, and the outlets: what they keep may
-    /// still be asked for.
+    /// Publishes what comes, `/diagnostics` once a second at least, until nobody sends any more; the calling thread is preferred to
+    /// ordinary ones. The messages that were refused, and the outlets: what they keep may still be asked for.
     #[must_use]
     pub fn publish_until_closed(
         mut self,
@@ -46,14 +43,12 @@ impl Outlets {
     ) -> (u64, Self) {
         let _ = prefer_this_thread(Duty::Publishing);
         let mut refused = 0;
-        loop {
-            let taken = match items.recv_timeout(QUIET) {
-                Ok(item) => self.take(&item),
-                Err(RecvTimeoutError::Timeout) => Ok(()),
-                Err(RecvTimeoutError::Disconnected) => return (refused, self),
-            };
-            refused += u64::from(taken.is_err()) + u64::from(self.tick(clock.now()).is_err());
+        // No time-out: to set a timer for each message takes longer than to encode it.
+        for item in items {
+            refused += u64::from(self.take(&item).is_err());
+            refused += u64::from(self.tick(clock.now()).is_err());
         }
+        (refused, self)
     }
 
     /// Waits for recorders: [`ZenohSink::settle`].

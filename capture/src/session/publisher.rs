@@ -143,6 +143,13 @@ impl Publisher {
         self.hub.is_some()
     }
 
+    /// Time went by for this program's viewers, whether a message came or not.
+    pub(super) fn tick(&self, now: HostTime) {
+        if let Some(hub) = &self.hub {
+            hub.tick(now);
+        }
+    }
+
     /// How the session stands, for this program's viewers.
     pub(super) fn set_status(&self, status: Value, now: HostTime) {
         if let Some(hub) = &self.hub {

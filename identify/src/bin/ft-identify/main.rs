@@ -16,7 +16,7 @@ use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
 use ft_identify::output::{FILES, refuse_existing, write_to};
 use ft_identify::paper::PaperSettings;
-use ft_identify::pipeline::{Identified, Stage, identified_table, identify_confirmed};
+use ft_identify::pipeline::{DAMAGED, Identified, Stage, identified_table, identify_confirmed};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
 use ft_identify::table::{Recipe, TableColumns, identify_published, read_table};
@@ -247,12 +247,19 @@ fn run_batch(
         map: TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?,
         settings: settings(&arguments.common),
     };
-    let bar = if std::io::stderr().is_terminal() {
+    let is_watched = std::io::stderr().is_terminal();
+    let bar = if is_watched {
         ProgressBar::new(batch::recordings(directory)?.len() as u64)
     } else {
         ProgressBar::hidden()
     };
-    let rows = batch::run(directory, output, &options, &|_, _| bar.inc(1))?;
+    let rows = batch::run(directory, output, &options, &|row, is_old| {
+        bar.inc(1);
+        // A log shows how far a long batch is.
+        if !is_watched && !is_old {
+            eprintln!("{}", row.line());
+        }
+    })?;
     bar.finish_and_clear();
     if arguments.common.json {
         println!("{:#}", serde_json::json!(rows));
@@ -270,7 +277,11 @@ fn run_batch(
             output.join("summary.csv").display()
         );
     }
-    Ok(Outcome::Fine)
+    Ok(if rows.iter().any(|row| row.damage.is_some()) {
+        Outcome::DataLost
+    } else {
+        Outcome::Fine
+    })
 }
 
 fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyError> {
@@ -296,7 +307,7 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
         .report
         .notes
         .iter()
-        .any(|note| note.starts_with("the file is damaged"));
+        .any(|note| note.starts_with(DAMAGED));
     finish(identified, output, &arguments.common)?;
     Ok(if lost {
         Outcome::DataLost
