@@ -112,3 +112,19 @@ fn one_instant_is_not_fine() {
     assert_eq!(report.reasons[0], "/ft/wrench has one message only");
     assert_eq!(report.reasons[1], "/tcp/pose has one message only");
 }
+
+#[test]
+fn what_nothing_is_known_of_after_ten_seconds_is_not_said() {
+    let clock = "clock of ft_sensor: skew +1.0 ppm, stamps known to 58.9 us";
+    let said = |samples| {
+        let text = judged(samples, |_, _, _| {}).to_string();
+        let mut lines = text.lines().map(str::trim);
+        let line = lines.find(|line| line.starts_with("clock"));
+        line.unwrap().to_owned()
+    };
+    assert_eq!(said(1001), clock);
+    assert_eq!(
+        said(10_001),
+        format!("{clock} (at worst 58.9 us after 10 s)")
+    );
+}
