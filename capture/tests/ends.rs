@@ -1,6 +1,7 @@
 //! How the programs end when nothing, or not enough, can be done: at once, in words, without litter.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use std::fs;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -66,4 +67,50 @@ fn programs_that_serve_a_page_end_without_a_panic() {
         assert!(said(ended).contains("live page: "), "{}", said(ended));
         assert!(!said(ended).contains("panicked"), "{}", said(ended));
     }
+}
+
+/// The limit of a process's file size stands in for a full disk.
+#[test]
+fn a_full_disk_leaves_no_litter_of_what_can_be_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = |columns: &str, values: &str| {
+        let rows: String = (0..2000).map(|row| format!("{row}.25{values}\n")).collect();
+        format!("{columns}\n{rows}")
+    };
+    fs::write(
+        folder.path().join("ft.csv"),
+        rows("fx,fy,fz,tx,ty,tz", ",2,3,0.1,0.2,0.3"),
+    )
+    .unwrap();
+    fs::write(
+        folder.path().join("pose.csv"),
+        rows("x,y,z,qx,qy,qz,qw", ",0.2,0.3,0,0,0,1"),
+    )
+    .unwrap();
+    let import = "import-csv --wrench ft.csv --pose pose.csv --rate 100 -o a.mcap";
+    for blocks in [0, 2] {
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" {import}");
+        let ended = Command::new("sh")
+            .args(["-c", &script, CAPTURE])
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        let text = said(&ended);
+        assert_eq!(ended.status.code(), Some(1), "{text}");
+        assert!(text.contains("no space left for a.mcap"), "{text}");
+        assert!(!text.contains("recover"), "{text}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "{blocks}");
+    }
+    // Nothing of a recording reached the disk either.
+    let script = "trap '' XFSZ; ulimit -f 0; exec \"$0\" --sim --speed max --duration 5s -o b.mcap";
+    let ended = Command::new("sh")
+        .args(["-c", script, CAPTURE])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let text = said(&ended);
+    assert_eq!(ended.status.code(), Some(1), "{text}");
+    assert!(text.contains("no space left for b.mcap"), "{text}");
+    assert!(!text.contains("recover"), "{text}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
 }

@@ -40,6 +40,12 @@ pub enum WriteError {
         /// The unfinished recording.
         path: PathBuf,
     },
+    /// The disk is full, or a quota or file size limit is reached, and what there was of the file is of no use and removed.
+    #[error("no space left for {path}: free some space or write to another disk, then try again")]
+    NoRoom {
+        /// The recording that was to be written.
+        path: PathBuf,
+    },
     /// The operating system refused.
     #[error("cannot {call} {path}: {source}")]
     Io {
