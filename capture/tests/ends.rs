@@ -69,6 +69,32 @@ fn programs_that_serve_a_page_end_without_a_panic() {
     }
 }
 
+#[test]
+fn a_recording_named_as_a_folder_is_refused_before_it_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("there")).unwrap();
+    let arguments = [
+        "--sim",
+        "--speed",
+        "max",
+        "-o",
+        "there",
+        "--force",
+        "--duration",
+        "5s",
+    ];
+    let ended = command(CAPTURE, &arguments, folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(ended.status.code(), Some(1));
+    assert!(
+        said(&ended).contains("there is a folder: name a file in it"),
+        "{}",
+        said(&ended)
+    );
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
 /// The limit of a process's file size stands in for a full disk.
 #[test]
 fn a_full_disk_leaves_no_litter_of_what_can_be_made_again() {

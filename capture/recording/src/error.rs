@@ -46,6 +46,12 @@ pub enum WriteError {
         /// The recording that was to be written.
         path: PathBuf,
     },
+    /// The name is a folder's.
+    #[error("{path} is a folder: name a file in it")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The operating system refused.
     #[error("cannot {call} {path}: {source}")]
     Io {

@@ -139,6 +139,11 @@ impl RecordingWriter {
     /// created.
     pub fn create(path: &Path, options: &WriterOptions) -> Result<Self, WriteError> {
         let partial = partial_path(path);
+        if path.is_dir() {
+            return Err(WriteError::Folder {
+                path: path.to_owned(),
+            });
+        }
         if !options.overwrite && path.exists() {
             return Err(WriteError::Exists {
                 path: path.to_owned(),
