@@ -95,6 +95,35 @@ fn a_recording_named_as_a_folder_is_refused_before_it_begins() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
+#[test]
+fn a_pipe_is_no_recording_and_keeps_nobody_waiting() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = Command::new("mkfifo")
+        .arg("x.mcap")
+        .current_dir(folder.path())
+        .status();
+    assert!(made.unwrap().success());
+    for arguments in [
+        &["check", "x.mcap"][..],
+        &["recover", "x.mcap", "-o", "y.mcap"],
+        &["calibrate", "x.mcap"],
+    ] {
+        let script = "exec timeout 20 \"$0\" \"$@\"";
+        let ended = Command::new("sh")
+            .args(["-c", script, CAPTURE])
+            .args(arguments)
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        assert_eq!(ended.status.code(), Some(1), "{arguments:?}");
+        assert!(
+            said(&ended).contains("x.mcap is not a regular file"),
+            "{}",
+            said(&ended)
+        );
+    }
+}
+
 /// The limit of a process's file size stands in for a full disk.
 #[test]
 fn a_full_disk_leaves_no_litter_of_what_can_be_made_again() {

@@ -112,6 +112,12 @@ pub enum ReadError {
         /// Why not.
         source: io::Error,
     },
+    /// A folder, a pipe, a device.
+    #[error("{path} is not a regular file")]
+    NotRegular {
+        /// What it is called.
+        path: PathBuf,
+    },
     /// The file does not begin like an MCAP.
     #[error(
         "{path} is not an MCAP recording: it begins with {found}, not with \"\\x89MCAP0\\r\\n\""

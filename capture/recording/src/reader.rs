@@ -72,17 +72,9 @@ impl RecordReader<BufReader<File>> {
     /// Opens a file.
     ///
     /// # Errors
-    /// When it cannot be read or is not an MCAP.
+    /// When it cannot be read, is no regular file or is not an MCAP.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let io = |call| {
-            move |source| ReadError::Io {
-                call,
-                path: path.to_owned(),
-                source,
-            }
-        };
-        let file = File::open(path).map_err(io("open"))?;
-        let length = file.metadata().map_err(io("get the size of"))?.len();
+        let (file, length) = open_regular(path)?;
         Self::new(BufReader::with_capacity(1 << 16, file), length, path)
     }
 }
@@ -361,6 +353,26 @@ impl<R: Read + Seek> RecordReader<R> {
             source,
         }
     }
+}
+
+/// Opens a file for reading, with its length; a pipe would keep the reader waiting for ever.
+pub(crate) fn open_regular(path: &Path) -> Result<(File, u64), ReadError> {
+    let io = |call| {
+        move |source| ReadError::Io {
+            call,
+            path: path.to_owned(),
+            source,
+        }
+    };
+    let metadata = std::fs::metadata(path).map_err(io("open"))?;
+    if !metadata.is_file() {
+        return Err(ReadError::NotRegular {
+            path: path.to_owned(),
+        });
+    }
+    let file = File::open(path).map_err(io("open"))?;
+    let length = file.metadata().map_err(io("get the size of"))?.len();
+    Ok((file, length))
 }
 
 fn frame(bytes: &[u8]) -> Option<(u8, u64)> {
