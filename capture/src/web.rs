@@ -94,6 +94,8 @@ pub struct Server {
     pub token: String,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
+    /// Keeps what the handlers hold until the thread has ended: a Zenoh session must not close inside its runtime.
+    _app: Router,
 }
 
 impl Server {
@@ -192,6 +194,7 @@ pub(crate) fn start(
     let address = serve::Listener::local_addr(&door)
         .map_err(|source| WebError::Address { address, source })?;
     let (end, ended) = oneshot::channel::<()>();
+    let kept = app.clone();
     let thread = std::thread::Builder::new()
         .name("ft-web".to_owned())
         .spawn(move || {
@@ -210,6 +213,7 @@ pub(crate) fn start(
         token,
         end: Some(end),
         thread: Some(thread),
+        _app: kept,
     })
 }
 

@@ -11,7 +11,6 @@ use serde::Serialize;
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
 use crate::error::TopicList;
-use crate::message::{Imu, JointState, Message, PoseStamped, Temperature, WrenchStamped};
 use crate::reader::{Channel, RawMessage, Record, RecordReader, Schema, UnknownChannels};
 use crate::recording::TopicMap;
 use crate::recover::loss_before_recovery;
@@ -19,6 +18,7 @@ use crate::{metadata, topic};
 
 mod clocks;
 mod judge;
+mod look;
 mod stream;
 mod text;
 
@@ -288,17 +288,4 @@ impl Survey<'_> {
             None => self.unknown.add(message.channel_id),
         }
     }
-}
-
-/// `header.stamp` of the stamped types; `None` when the type has none.
-fn header_stamp(kind: &str, data: &[u8]) -> Option<Result<HostTime, crate::CdrError>> {
-    let stamp = match kind {
-        WrenchStamped::TYPE_NAME => WrenchStamped::decode(data).map(|message| message.header.stamp),
-        PoseStamped::TYPE_NAME => PoseStamped::decode(data).map(|message| message.header.stamp),
-        JointState::TYPE_NAME => JointState::decode(data).map(|message| message.header.stamp),
-        Temperature::TYPE_NAME => Temperature::decode(data).map(|message| message.header.stamp),
-        Imu::TYPE_NAME => Imu::decode(data).map(|message| message.header.stamp),
-        _ => return None,
-    };
-    Some(stamp.map(HostTime::from))
 }

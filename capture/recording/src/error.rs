@@ -40,6 +40,18 @@ pub enum WriteError {
         /// The unfinished recording.
         path: PathBuf,
     },
+    /// The disk is full, or a quota or file size limit is reached, and what there was of the file is of no use and removed.
+    #[error("no space left for {path}: free some space or write to another disk, then try again")]
+    NoRoom {
+        /// The recording that was to be written.
+        path: PathBuf,
+    },
+    /// The name is a folder's.
+    #[error("{path} is a folder: name a file in it")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The operating system refused.
     #[error("cannot {call} {path}: {source}")]
     Io {
@@ -99,6 +111,12 @@ pub enum ReadError {
         path: PathBuf,
         /// Why not.
         source: io::Error,
+    },
+    /// A folder, a pipe, a device.
+    #[error("{path} is not a regular file")]
+    NotRegular {
+        /// What it is called.
+        path: PathBuf,
     },
     /// The file does not begin like an MCAP.
     #[error(

@@ -15,16 +15,18 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{FirstBytes, ReadError};
 
+mod belief;
 mod chunk;
 mod chunk_records;
 mod damage;
 mod record;
 
+use belief::{Belief, is_message_index};
 use chunk::LIMIT;
 pub(crate) use damage::UnknownChannels;
 pub use damage::{Damage, DamageKind};
 pub use record::{Attachment, Channel, RawMessage, Record, Schema};
-use record::{CHUNK, DATA_END, FOOTER};
+use record::{CHUNK, DATA_END, FOOTER, MESSAGE, MESSAGE_INDEX};
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Opcode and length.
@@ -49,6 +51,7 @@ pub struct RecordReader<R> {
     good_end: u64,
     complete: bool,
     state: State,
+    belief: Belief,
     damage: Vec<Damage>,
 }
 
@@ -69,17 +72,9 @@ impl RecordReader<BufReader<File>> {
     /// Opens a file.
     ///
     /// # Errors
-    /// When it cannot be read or is not an MCAP.
+    /// When it cannot be read, is no regular file or is not an MCAP.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let io = |call| {
-            move |source| ReadError::Io {
-                call,
-                path: path.to_owned(),
-                source,
-            }
-        };
-        let file = File::open(path).map_err(io("open"))?;
-        let length = file.metadata().map_err(io("get the size of"))?.len();
+        let (file, length) = open_regular(path)?;
         Self::new(BufReader::with_capacity(1 << 16, file), length, path)
     }
 }
@@ -103,6 +98,7 @@ impl<R: Read + Seek> RecordReader<R> {
             good_end: 0,
             complete: false,
             state: State::Records,
+            belief: Belief::new(length),
             damage: Vec::new(),
         };
         reader
@@ -216,6 +212,9 @@ impl<R: Read + Seek> RecordReader<R> {
         self.offset = self.position;
         let before = self.crc.clone();
         let left = self.length.saturating_sub(self.position);
+        if left < FRAME && self.look_back()? {
+            return Ok(None);
+        }
         if left == 0 {
             self.end(DamageKind::Unfinished);
             return Ok(None);
@@ -231,8 +230,10 @@ impl<R: Read + Seek> RecordReader<R> {
             return Ok(None);
         };
         let left = left - FRAME;
+        if !self.believe(opcode, length, left)? {
+            return Ok(None);
+        }
         match opcode {
-            0 => self.resync()?,
             CHUNK => self.read_chunk(length, left)?,
             _ if length > left => self.cut_record(opcode, left)?,
             _ if length > LIMIT => {
@@ -241,6 +242,9 @@ impl<R: Read + Seek> RecordReader<R> {
             }
             _ => {
                 self.read_body(length)?;
+                if !self.fits(opcode, length) && !self.believe_length()? {
+                    return Ok(None);
+                }
                 self.good_end = self.position;
                 if opcode == DATA_END {
                     self.check_data_crc(before);
@@ -251,6 +255,15 @@ impl<R: Read + Seek> RecordReader<R> {
             }
         }
         Ok(None)
+    }
+
+    /// Whether the record in `body` does not contradict itself.
+    fn fits(&self, opcode: u8, length: u64) -> bool {
+        match opcode {
+            MESSAGE_INDEX => is_message_index(&self.body, length),
+            MESSAGE => true,
+            _ => Record::parse(opcode, &self.body).is_some(),
+        }
     }
 
     fn end_magic(&mut self) -> io::Result<()> {
@@ -340,6 +353,26 @@ impl<R: Read + Seek> RecordReader<R> {
             source,
         }
     }
+}
+
+/// Opens a file for reading, with its length; a pipe would keep the reader waiting for ever.
+pub(crate) fn open_regular(path: &Path) -> Result<(File, u64), ReadError> {
+    let io = |call| {
+        move |source| ReadError::Io {
+            call,
+            path: path.to_owned(),
+            source,
+        }
+    };
+    let metadata = std::fs::metadata(path).map_err(io("open"))?;
+    if !metadata.is_file() {
+        return Err(ReadError::NotRegular {
+            path: path.to_owned(),
+        });
+    }
+    let file = File::open(path).map_err(io("open"))?;
+    let length = file.metadata().map_err(io("get the size of"))?.len();
+    Ok((file, length))
 }
 
 fn frame(bytes: &[u8]) -> Option<(u8, u64)> {

@@ -4,7 +4,6 @@
 //! exact repetitions are removed, and what cannot be used is left out and counted in [`ReadHealth`].
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -141,7 +140,7 @@ fn sha256_of(path: &Path) -> Result<String, ReadError> {
             source,
         }
     };
-    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(io("open"))?);
+    let mut file = BufReader::with_capacity(1 << 16, crate::reader::open_regular(path)?.0);
     let mut hasher = Sha256::new();
     loop {
         let bytes = file.fill_buf().map_err(io("read"))?;

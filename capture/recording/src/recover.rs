@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -15,7 +15,7 @@ use serde::Serialize;
 
 pub use crate::error::ReadError;
 use crate::error::WriteError;
-use crate::reader::RecordReader;
+use crate::reader::{RecordReader, open_regular};
 use crate::writer::file::io_error;
 
 mod copy;
@@ -151,14 +151,7 @@ pub(crate) fn same_file(source: &Path, out: &Path) -> bool {
 
 /// Refuses a recording that is being written; gives its modification time.
 fn refuse_busy(source: &Path) -> Result<Option<i64>, ReadError> {
-    let io = |call| {
-        move |error| ReadError::Io {
-            call,
-            path: source.to_owned(),
-            source: error,
-        }
-    };
-    let file = File::open(source).map_err(io("open"))?;
+    let (file, _) = open_regular(source)?;
     if let Err(TryLockError::WouldBlock) = file.try_lock_shared() {
         return Err(ReadError::Busy {
             path: source.to_owned(),

@@ -155,11 +155,14 @@ impl<'a> Rewrite<'a> {
         let mut writer = RecordingWriter::create(out, &options)?;
         let result = self.fill(&mut writer, reader.as_mut(), source, &mut changes);
         match result {
-            Ok(()) => Ok(writer.finish()?),
+            Ok(()) => Ok(writer.finish_or_discard()?),
             Err(error) => {
                 // Half a copy is of no use, and the source is still there.
                 writer.discard();
-                Err(error)
+                Err(match error {
+                    ReadError::Write(error) => error.of_nothing(out).into(),
+                    error => error,
+                })
             }
         }
     }

@@ -139,6 +139,11 @@ impl RecordingWriter {
     /// created.
     pub fn create(path: &Path, options: &WriterOptions) -> Result<Self, WriteError> {
         let partial = partial_path(path);
+        if path.is_dir() {
+            return Err(WriteError::Folder {
+                path: path.to_owned(),
+            });
+        }
         if !options.overwrite && path.exists() {
             return Err(WriteError::Exists {
                 path: path.to_owned(),
@@ -146,21 +151,11 @@ impl RecordingWriter {
         }
         let file = open(&partial, options.overwrite)?;
         let bytes = Arc::new(AtomicU64::new(0));
-        let clone = file
-            .try_clone()
-            .map_err(|source| io_error("duplicate the handle of", &partial, source))?;
-        let sink = NoSeek::new(BufWriter::new(Counted {
-            file: clone,
-            bytes: Arc::clone(&bytes),
-        }));
-        let mut writer = mcap_options(options)
-            .profile("ros2")
-            .library(LIBRARY)
-            .create(sink)
-            .map_err(|error| format_error(error, &partial))?;
-        writer
-            .flush()
-            .map_err(|error| format_error(error, &partial))?;
+        let writer = begin(&file, &bytes, &partial, options).map_err(|error| {
+            // Nothing is in it yet. What cannot be removed is a leftover like any other.
+            let _ = fs::remove_file(&partial);
+            error.of_nothing(path)
+        })?;
         Ok(Self {
             writer: Some(writer),
             file,
@@ -373,6 +368,15 @@ impl RecordingWriter {
         })
     }
 
+    /// [`Self::finish`] for what can be made again: what cannot be finished is removed.
+    pub(crate) fn finish_or_discard(self) -> Result<Finished, WriteError> {
+        let (partial, path) = (self.partial.clone(), self.path.clone());
+        self.finish().map_err(|error| {
+            let _ = fs::remove_file(partial);
+            error.of_nothing(&path)
+        })
+    }
+
     /// Takes the file back, as if it had never been begun.
     pub(crate) fn discard(self) {
         let partial = self.partial.clone();
@@ -422,6 +426,31 @@ impl RecordingWriter {
         }
         format_error(error, &self.partial)
     }
+}
+
+/// Writes the file's header, to see that the disk takes it.
+fn begin(
+    file: &File,
+    bytes: &Arc<AtomicU64>,
+    partial: &Path,
+    options: &WriterOptions,
+) -> Result<McapWriter, WriteError> {
+    let clone = file
+        .try_clone()
+        .map_err(|source| io_error("duplicate the handle of", partial, source))?;
+    let sink = NoSeek::new(BufWriter::new(Counted {
+        file: clone,
+        bytes: Arc::clone(bytes),
+    }));
+    let mut writer = mcap_options(options)
+        .profile("ros2")
+        .library(LIBRARY)
+        .create(sink)
+        .map_err(|error| format_error(error, partial))?;
+    writer
+        .flush()
+        .map_err(|error| format_error(error, partial))?;
+    Ok(writer)
 }
 
 /// Options of the `mcap` crate for files that are never patched afterwards.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use ft_wire::HostTime;
 
-use super::{Presence, Report, SAMPLED, Verdict};
+use super::{Presence, Report, SAMPLED, TopicReport, Verdict};
 use crate::message::{Message as _, PoseStamped, WrenchStamped};
 use crate::topic;
 
@@ -22,6 +22,19 @@ struct Shared<'a> {
 const MIN_SHARED: f64 = 0.9;
 
 impl Shared<'_> {
+    /// A line for each of the two that lasts no time: nothing moves in one instant.
+    fn instants(&self, report: &Report) -> Vec<String> {
+        let both = [topic::WRENCH, self.pose].into_iter().zip(self.last_s);
+        both.filter(|(_, last_s)| *last_s <= 0.0)
+            .map(
+                |(name, _)| match report.topics.get(name).map_or(0, |topic| topic.messages) {
+                    1 => format!("{name} has one message only"),
+                    many => format!("all {many} messages of {name} have the same stamp"),
+                },
+            )
+            .collect()
+    }
+
     /// A line for each of the two that covers too little of the other.
     fn little(&self) -> impl Iterator<Item = String> {
         let [wrench_s, pose_s] = self.last_s;
@@ -61,17 +74,30 @@ fn shared(report: &Report) -> Option<Shared<'_>> {
         .max_by(|a, b| a.s.total_cmp(&b.s))
 }
 
+/// Messages that identification can take.
+fn usable(topic: &TopicReport) -> u64 {
+    topic
+        .messages
+        .saturating_sub(topic.undecodable + topic.invalid)
+}
+
 /// Fills in the verdict and its reasons.
 pub(super) fn judge(report: &mut Report) {
     let has = |name: &str, kind| {
         report
             .topics
             .get(name)
-            .is_some_and(|topic| topic.kind == kind && topic.messages > topic.undecodable)
+            .is_some_and(|topic| topic.kind == kind && usable(topic) > 0)
     };
     let mut missing = Vec::new();
     if !has(topic::WRENCH, WrenchStamped::TYPE_NAME) {
-        missing.push("no /ft/wrench".to_owned());
+        missing.push(match report.topics.get(topic::WRENCH) {
+            Some(wrench) if wrench.kind == WrenchStamped::TYPE_NAME && wrench.messages > 0 => {
+                let count = wrench.messages;
+                format!("none of the {count} messages of /ft/wrench can be used")
+            }
+            _ => "no /ft/wrench".to_owned(),
+        });
     }
     if !has(topic::TCP_POSE, PoseStamped::TYPE_NAME)
         && !has(topic::ARIA_POSE, PoseStamped::TYPE_NAME)
@@ -89,7 +115,10 @@ pub(super) fn judge(report: &mut Report) {
                 -shared.s
             )),
             // What one device recorded before the other is no loss.
-            Some(shared) => told.extend(shared.little()),
+            Some(shared) => {
+                missing.extend(shared.instants(report));
+                told.extend(shared.little());
+            }
             None => {}
         }
     }
@@ -98,9 +127,20 @@ pub(super) fn judge(report: &mut Report) {
     let holes_tell = report.ledger.is_empty() || !accounted.is_empty();
     for (name, topic) in &report.topics {
         let sampled = SAMPLED.contains(&name.as_str());
+        let not_finite = match topic.kind.as_str() {
+            PoseStamped::TYPE_NAME => {
+                "messages with numbers that are not finite or a quaternion that is no rotation"
+            }
+            _ => "messages with numbers that are not finite",
+        };
         let counts = [
             (topic.missing_sequences, "messages missing by their numbers"),
             (topic.undecodable, "undecodable messages"),
+            (topic.invalid, not_finite),
+            (
+                topic.not_unit,
+                "messages with a quaternion whose length is not 1",
+            ),
             (topic.duplicates, "duplicated messages"),
             (topic.after_arrival, "messages stamped after their arrival"),
             (

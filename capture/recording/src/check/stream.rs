@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use ft_wire::HostTime;
 use serde::Serialize;
 
-use super::header_stamp;
-use crate::message::{Message, WrenchStamped};
+use super::look::{Look, Numbers};
 use crate::reader::RawMessage;
 use crate::sequences::Sequences;
 
@@ -21,6 +20,10 @@ pub struct TopicReport {
     pub messages: u64,
     /// Messages that are not of the topic's type.
     pub undecodable: u64,
+    /// Messages with a number that is not finite or a quaternion that is no rotation, which identification leaves out.
+    pub invalid: u64,
+    /// Messages whose quaternion has another length than 1, by more than 0.001.
+    pub not_unit: u64,
     /// Earliest stamp, ns since the Unix epoch.
     pub first_ns: Option<i64>,
     /// Latest stamp, ns since the Unix epoch.
@@ -67,6 +70,8 @@ pub(super) struct Stream {
     latest: Option<HostTime>,
     sequences: BTreeMap<u16, Sequences>,
     undecodable: u64,
+    invalid: u64,
+    not_unit: u64,
     out_of_order: u64,
     after_arrival: u64,
     repeated: Repeated,
@@ -145,6 +150,8 @@ impl Stream {
             latest: None,
             sequences: BTreeMap::new(),
             undecodable: 0,
+            invalid: 0,
+            not_unit: 0,
             out_of_order: 0,
             after_arrival: 0,
             repeated: Repeated::default(),
@@ -162,15 +169,19 @@ impl Stream {
         }
         let time = |nanos| i64::try_from(nanos).map_or(HostTime::FAR_FUTURE, HostTime::from_nanos);
         let decoded = if self.encoding == "cdr" {
-            header_stamp(&self.kind, message.data)
+            Look::at(&self.kind, message.data)
         } else {
             None
         };
         let at = match decoded {
-            Some(Ok(stamp)) => {
-                self.repeated.add(stamp, message.data);
-                self.look_for_extremes(message.data);
-                stamp
+            Some(Ok(look)) => {
+                self.repeated.add(look.stamp, message.data);
+                self.invalid += u64::from(look.numbers == Numbers::Invalid);
+                self.not_unit += u64::from(look.numbers == Numbers::NotUnit);
+                if let Some(wrench) = look.wrench {
+                    self.look_for_extremes(wrench);
+                }
+                look.stamp
             }
             Some(Err(_)) => {
                 self.undecodable += 1;
@@ -184,14 +195,7 @@ impl Stream {
         self.messages.push((at, crc32fast::hash(message.data)));
     }
 
-    fn look_for_extremes(&mut self, data: &[u8]) {
-        if self.kind != WrenchStamped::TYPE_NAME {
-            return;
-        }
-        let Ok(message) = WrenchStamped::decode(data) else {
-            return;
-        };
-        let wrench: [f64; 6] = message.wrench.into();
+    fn look_for_extremes(&mut self, wrench: [f64; 6]) {
         let both = wrench.iter().flat_map(|value| [*value, -value]);
         for (extreme, value) in self.extremes.iter_mut().zip(both) {
             extreme.add(value);
@@ -237,6 +241,8 @@ impl Stream {
             encoding: self.encoding,
             messages: self.messages.len() as u64,
             undecodable: self.undecodable,
+            invalid: self.invalid,
+            not_unit: self.not_unit,
             first_ns: span.map(|(first, _)| first.as_nanos()),
             last_ns: span.map(|(_, last)| last.as_nanos()),
             rate_hz: covered.map(|covered| (self.messages.len() - 1) as f64 / covered),

@@ -91,11 +91,16 @@ impl fmt::Display for Report {
             )?;
         }
         for (device, clock) in &self.clocks {
-            writeln!(
+            write!(
                 f,
-                "  clock of {device}: skew {:+.1} ppm, stamps known to {:.1} us (at worst {:.1} us after 10 s)",
-                clock.skew_ppm, clock.spread_us, clock.largest_spread_us
+                "  clock of {device}: skew {:+.1} ppm, stamps known to {:.1} us",
+                clock.skew_ppm, clock.spread_us
             )?;
+            if clock.largest_spread_us > 0.0 {
+                let largest_us = clock.largest_spread_us;
+                write!(f, " (at worst {largest_us:.1} us after 10 s)")?;
+            }
+            writeln!(f)?;
         }
         for (device, text) in &self.warnings {
             writeln!(f, "  warning of {device}: {text}")?;

@@ -9,6 +9,8 @@ use super::{FRAME, RecordReader, frame};
 
 /// A chunk record with more behind its content has a wrong length.
 const MAX_PADDING: u64 = 4096;
+/// No chunk's frame and header are longer, bytes.
+pub(super) const CHUNK_START: usize = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
 /// How much of the file is looked at in one go for the next chunk.
 const SCAN_WINDOW: usize = 1 << 16;
 
@@ -37,6 +39,7 @@ impl<R: Read + Seek> RecordReader<R> {
                 opcode: CHUNK,
                 length: length.max(header.uncompressed_size),
             });
+            self.belief.suspect_from = Some(self.offset);
             return self.seek_to(start + length);
         }
         self.read_more(length - header.length)?;
@@ -70,6 +73,8 @@ impl<R: Read + Seek> RecordReader<R> {
         } else {
             crc32fast::hash(&self.chunk)
         };
+        // What follows is believed only when it looks right: a byte too many or too few shifts all.
+        self.belief.suspect_from = Some(self.offset);
         if unpacked == Unpacked::Unsupported {
             self.note(DamageKind::Compression {
                 name: header.compression.clone(),
@@ -84,6 +89,7 @@ impl<R: Read + Seek> RecordReader<R> {
             self.note(DamageKind::ChunkCrc { saved, calculated });
         } else {
             self.in_chunk = 0..self.chunk.len();
+            self.belief.suspect_from = None;
         }
     }
 
@@ -112,7 +118,12 @@ impl<R: Read + Seek> RecordReader<R> {
 
     /// Looks for the next chunk behind a place that is no record.
     pub(super) fn resync(&mut self) -> io::Result<()> {
-        match self.find_chunk(self.offset + 1)? {
+        self.resync_from(self.offset + 1)
+    }
+
+    /// As [`Self::resync`], from a place that may lie before: inside of a damaged chunk, which may be longer than it is.
+    pub(super) fn resync_from(&mut self, from: u64) -> io::Result<()> {
+        match self.find_chunk(from)? {
             Some(found) => self.skip_garbage(found),
             None => {
                 self.end(DamageKind::Garbage {
@@ -123,16 +134,19 @@ impl<R: Read + Seek> RecordReader<R> {
         }
     }
 
-    fn skip_garbage(&mut self, to: u64) -> io::Result<()> {
-        self.note(DamageKind::Garbage {
-            skipped: to - self.offset,
-        });
+    pub(super) fn skip_garbage(&mut self, to: u64) -> io::Result<()> {
+        if to > self.offset {
+            self.note(DamageKind::Garbage {
+                skipped: to - self.offset,
+            });
+        }
+        self.belief.suspect_from = None;
         self.seek_to(to)
     }
 
     /// Where the next chunk at or behind `from` begins, judged by its header.
-    fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
-        let overlap = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
+    pub(super) fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
+        let overlap = CHUNK_START;
         let mut start = from;
         while start < self.length {
             self.seek_to(start)?;
@@ -204,7 +218,8 @@ fn whole_records(content: &[u8]) -> Whole {
     whole
 }
 
-fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
+/// Whether a chunk record begins here of which `left` bytes can be in the file.
+pub(super) fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
     let Some((CHUNK, length)) = frame(bytes) else {
         return false;
     };
@@ -212,7 +227,8 @@ fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
         return false;
     };
     ["", "zstd", "lz4"].contains(&header.compression.as_str())
+        && header.start_time <= header.end_time
         && header.length.checked_add(header.compressed_size) == Some(length)
-        && length <= left - FRAME
+        && left.checked_sub(FRAME).is_some_and(|left| length <= left)
         && header.uncompressed_size <= LIMIT
 }

@@ -12,6 +12,7 @@ pub(crate) const SCHEMA: u8 = 0x03;
 pub(crate) const CHANNEL: u8 = 0x04;
 pub(crate) const MESSAGE: u8 = 0x05;
 pub(crate) const CHUNK: u8 = 0x06;
+pub(crate) const MESSAGE_INDEX: u8 = 0x07;
 pub(crate) const ATTACHMENT: u8 = 0x09;
 pub(crate) const METADATA: u8 = 0x0c;
 pub(crate) const DATA_END: u8 = 0x0f;
@@ -130,6 +131,8 @@ pub struct Attachment<'a> {
 /// Everything of a chunk record before the packed records.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ChunkHeader {
+    pub(crate) start_time: u64,
+    pub(crate) end_time: u64,
     pub(crate) uncompressed_size: u64,
     pub(crate) uncompressed_crc: u32,
     pub(crate) compression: String,
@@ -219,7 +222,7 @@ impl ChunkHeader {
     /// The header at the start of `bytes`, which may go on behind it.
     pub(crate) fn parse(bytes: &[u8]) -> Option<Self> {
         let mut fields = Fields { rest: bytes };
-        fields.take(16)?;
+        let (start_time, end_time) = (fields.u64()?, fields.u64()?);
         let uncompressed_size = fields.u64()?;
         let uncompressed_crc = fields.u32()?;
         let compression = fields
@@ -229,6 +232,8 @@ impl ChunkHeader {
         let compressed_size = fields.u64()?;
         let length = u64::try_from(bytes.len() - fields.rest.len()).ok()?;
         Some(Self {
+            start_time,
+            end_time,
             uncompressed_size,
             uncompressed_crc,
             compression,
@@ -302,7 +307,7 @@ pub(crate) fn opcode_name(opcode: u8) -> &'static str {
         CHANNEL => "channel",
         MESSAGE => "message",
         CHUNK => "chunk",
-        0x07 => "message index",
+        MESSAGE_INDEX => "message index",
         0x08 => "chunk index",
         ATTACHMENT => "attachment",
         0x0a => "attachment index",

@@ -68,6 +68,18 @@ pub(crate) fn io_error(call: &'static str, path: &Path, source: io::Error) -> Wr
     }
 }
 
+impl WriteError {
+    /// The error of a recording of which nothing is kept, which is to be `path`.
+    pub(crate) fn of_nothing(self, path: &Path) -> Self {
+        match self {
+            Self::NoSpace { .. } => Self::NoRoom {
+                path: path.to_owned(),
+            },
+            error => error,
+        }
+    }
+}
+
 pub(crate) fn format_error(error: McapError, path: &Path) -> WriteError {
     match error {
         McapError::Io(source) => io_error("write to", path, source),
