@@ -103,7 +103,8 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         &arguments.output,
         &options,
     )?;
-    told(&report, arguments.json)
+    told(&report, arguments.json)?;
+    Ok(Outcome::of(report.lost_data()))
 }
 
 const HOI_EXAMPLES: &str = "Examples:
@@ -152,6 +153,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
     }
     let bar = bar_of(parts.len());
     let (mut reports, mut failed) = (Vec::new(), 0);
+    let mut lost = !found.unreadable.is_empty();
     for (part, output) in parts.iter().zip(outputs) {
         let out = if single {
             arguments.output.clone()
@@ -176,6 +178,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         }
         match hoi::import_part(part, &out, arguments.force) {
             Ok(report) => {
+                lost |= report.lost_data();
                 if !arguments.json {
                     say(&report.to_string())?;
                 }
@@ -194,7 +197,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         say(&serde_json::to_string_pretty(&reports)?)?;
     }
     match failed {
-        0 => Ok(Outcome::of(!found.unreadable.is_empty())),
+        0 => Ok(Outcome::of(lost)),
         _ => Err(format!(
             "{failed} of {} recordings could not be imported",
             parts.len()

@@ -56,6 +56,14 @@ pub enum HoiCalibration {
     },
 }
 
+impl HoiReport {
+    /// Whether more than half of the wrench or of the trajectory is missing.
+    #[must_use]
+    pub const fn lost_data(&self) -> bool {
+        self.left_out > self.samples[0] || self.counts.lost_data()
+    }
+}
+
 impl fmt::Display for HoiReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -82,10 +90,23 @@ impl fmt::Display for HoiReport {
             (counts.not_later, "not later than the one before"),
             (counts.no_pose, "without a rotation, or with an empty field"),
             (counts.no_stamp, "without a stamp"),
+            (counts.far, "stamped at another time than the most"),
             (counts.low_quality, "without a quality"),
         ];
         for (count, what) in poses.into_iter().filter(|(count, _)| *count > 0) {
             write!(f, "\n  {count} poses left out: {what}")?;
+        }
+        if counts.quaternion_length.is_some() {
+            write!(f, "\n  no rotation:{}", counts.quaternion_text())?;
+        }
+        if counts.moved > 0 {
+            write!(f, "\n  {} poses put in order by their stamps", counts.moved)?;
+        }
+        if self.lost_data() {
+            write!(
+                f,
+                "\n  MORE THAN HALF of the rows of the wrench or the trajectory are left out"
+            )?;
         }
         match &self.calibration {
             HoiCalibration::FreeAir { from_s, until_s } => write!(
