@@ -23,6 +23,8 @@ pub(super) struct Import<'a> {
     pub(super) tree: Tree,
     pub(super) sources: Vec<SourceFile>,
     pub(super) missing: Vec<String>,
+    /// Why the tool was not weighed although it moved.
+    pub(super) not_weighed: Option<String>,
     /// Wrenches that are not finite, cut short, or stamped as another or at another time.
     pub(super) left_out: u64,
 }

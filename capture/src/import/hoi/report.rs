@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::Drift;
 use crate::calibrate::Alignment;
 use crate::gyro::GyroCheck;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
@@ -26,8 +27,12 @@ pub struct HoiReport {
     pub calibration: HoiCalibration,
     /// How far the poses were moved; none when the free air does not show it.
     pub alignment: Option<Alignment>,
+    /// How the clocks drift apart; none without an alignment.
+    pub drift: Option<Drift>,
     /// What the sensor's own gyroscope says of the times that were written; none when it shows nothing.
     pub gyro_check: Option<GyroCheck>,
+    /// Why the tool was not weighed although it moved.
+    pub not_weighed: Option<String>,
     /// What looks like other units.
     pub doubts: Vec<String>,
     /// What is not there, and what that costs.
@@ -124,8 +129,14 @@ impl fmt::Display for HoiReport {
         if let Some(alignment) = &self.alignment {
             write!(f, "\n  {alignment}")?;
         }
+        if let Some(drift) = &self.drift {
+            write!(f, "\n  {drift}")?;
+        }
         if let Some(check) = &self.gyro_check {
             write!(f, "\n  the sensor's gyroscope {check}")?;
+        }
+        if let Some(reason) = &self.not_weighed {
+            write!(f, "\n  not weighed: {reason}")?;
         }
         for doubt in &self.doubts {
             write!(f, "\n  doubtful: {doubt}")?;
