@@ -177,17 +177,17 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Those of a configuration that has to say them: identity is no guess for glasses on a gripper.
+    /// Those of a file that has to say them: identity is no guess for glasses on a gripper. Its other sections are not looked at.
     ///
     /// # Errors
-    /// As for [`Config::load`], and when one of the two is not said.
+    /// It cannot be read, is no TOML, does not say one of the two, or says one that is no pose.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         Self::said(&read(path)?, path)
     }
 
     fn said(text: &str, path: &Path) -> Result<Self, ConfigError> {
         #[derive(Default, Deserialize)]
-        #[serde(default)]
+        #[serde(deny_unknown_fields, default)]
         struct Said {
             aria_device_from_tcp: Option<StaticPose>,
             tcp_from_ft_sensor: Option<StaticPose>,
@@ -197,7 +197,6 @@ impl Frames {
             #[serde(default)]
             frames: Said,
         }
-        Config::from_toml(text, path)?;
         let File { frames } = toml::from_str(text).map_err(syntax(path))?;
         let missing = |name: &str| ConfigError::Value {
             path: path.to_owned(),
@@ -206,15 +205,50 @@ impl Frames {
                  recording says"
             ),
         };
-        Ok(Self {
+        let frames = Self {
             aria_device_from_tcp: frames
                 .aria_device_from_tcp
                 .ok_or_else(|| missing("aria_device_from_tcp"))?,
             tcp_from_ft_sensor: frames
                 .tcp_from_ft_sensor
                 .ok_or_else(|| missing("tcp_from_ft_sensor"))?,
-        })
+        };
+        frames.check(path)?;
+        Ok(frames)
     }
+
+    fn check(&self, path: &Path) -> Result<(), ConfigError> {
+        for (name, pose) in [
+            ("aria_device_from_tcp", &self.aria_device_from_tcp),
+            ("tcp_from_ft_sensor", &self.tcp_from_ft_sensor),
+        ] {
+            let [x, y, z, w] = pose.quaternion_xyzw;
+            let norm = (x * x + y * y + z * z + w * w).sqrt();
+            if !((norm - 1.0).abs() < 1e-3 && pose.position_m.iter().all(|part| part.is_finite())) {
+                return Err(ConfigError::Value {
+                    path: path.to_owned(),
+                    what: format!("frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The `[calibration]` of a file, as `calibrate --toml` writes it. Its other sections are not looked at.
+///
+/// # Errors
+/// It cannot be read, is no TOML, or has no such section.
+pub fn load_calibration(path: &Path) -> Result<Calibration, ConfigError> {
+    #[derive(Deserialize)]
+    struct File {
+        calibration: Option<Calibration>,
+    }
+    let File { calibration } = toml::from_str(&read(path)?).map_err(syntax(path))?;
+    calibration.ok_or_else(|| ConfigError::Value {
+        path: path.to_owned(),
+        what: "there is no [calibration]: `ft-capture calibrate --toml` writes one".to_owned(),
+    })
 }
 
 /// The text of a configuration.
@@ -409,22 +443,7 @@ impl Config {
                 }
             }
         }
-        for (name, pose) in [
-            ("aria_device_from_tcp", &self.frames.aria_device_from_tcp),
-            ("tcp_from_ft_sensor", &self.frames.tcp_from_ft_sensor),
-        ] {
-            let norm = pose
-                .quaternion_xyzw
-                .iter()
-                .map(|part| part * part)
-                .sum::<f64>()
-                .sqrt();
-            if !((norm - 1.0).abs() < 1e-3 && pose.position_m.iter().all(|part| part.is_finite())) {
-                return wrong(format!(
-                    "frames.{name}: quaternion_xyzw has the norm {norm}, wanted 1"
-                ));
-            }
-        }
+        self.frames.check(path)?;
         if !(self.network.namespace.is_empty() || is_name(&self.network.namespace)) {
             return wrong(format!(
                 "network.namespace = {:?}: letters, digits, - and _, without slashes",
@@ -539,6 +558,30 @@ mod tests {
                 message.contains(&format!("no [frames.{missing}]")),
                 "{message}"
             );
+        }
+    }
+
+    #[test]
+    fn frames_are_read_from_a_file_that_has_nothing_else() {
+        let pose = "position_m = [0.0, 0.0, 0.1]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\n";
+        let frames =
+            format!("[frames.aria_device_from_tcp]\n{pose}[frames.tcp_from_ft_sensor]\n{pose}");
+        // `calibrate --find-rotation --toml` writes them after the calibration.
+        let after = format!("[calibration.payload_mass_kg]\nvalue = 0.4\nstd = 0.01\n{frames}");
+        for text in [&frames, &after] {
+            let frames = Frames::said(text, Path::new("a.toml")).unwrap();
+            assert_eq!(frames.aria_device_from_tcp.position_m, [0.0, 0.0, 0.1]);
+        }
+        for (changed, wanted) in [
+            (frames.replace("1.0]\n[", "2.0]\n["), "norm 2"),
+            (
+                frames.replace("tcp_from_ft", "tpc_from_ft"),
+                "tpc_from_ft_sensor",
+            ),
+            ("frames = 3".to_owned(), "frames"),
+        ] {
+            let message = Frames::said(&changed, Path::new("a.toml")).unwrap_err();
+            assert!(message.to_string().contains(wanted), "{message}");
         }
     }
 

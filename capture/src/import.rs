@@ -14,6 +14,7 @@ pub mod clock_map;
 pub mod hoi;
 pub mod matrix;
 pub mod mps;
+mod order;
 mod plausible;
 pub mod table;
 pub mod tables;
@@ -100,11 +101,13 @@ pub enum ImportError {
     },
     /// The trajectory has no utc, and nothing else says when it was.
     #[error(
-        "no utc in {path} (its utc column is -1): pass --starts-at with the seconds after the first wrench at which the trajectory begins"
+        "no utc in {path} ({why}): pass --starts-at with the seconds after the first wrench at which the trajectory begins"
     )]
     NoUtc {
         /// The trajectory.
         path: PathBuf,
+        /// What its column has instead.
+        why: &'static str,
     },
     /// Pose and wrench could not be aligned.
     #[error("pose and wrench cannot be aligned: {source}. {hint}")]

@@ -248,3 +248,138 @@ fn tables_are_read_by_their_column_of_time_and_what_is_wrong_is_named() {
         );
     }
 }
+
+/// 200 wrenches and poses in s from 100 s on, and `import-csv` of them after `change` was made to the wrench's rows.
+fn csv_of(folder: &Path, change: impl Fn(&mut Vec<String>), more: &[&str]) -> Output {
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let time = |k: u32| 100.0 + 0.01 * f64::from(k);
+    let mut rows: Vec<String> = (0..200)
+        .map(|k| format!("{:.2},{},1,-4,0.1,0.2,0.3", time(k), k % 5))
+        .collect();
+    change(&mut rows);
+    let wrench = format!("t,Fx,Fy,Fz,Tx,Ty,Tz\n{}\n", rows.join("\n"));
+    std::fs::write(path("w.csv"), wrench).unwrap();
+    let poses: String = (0..200)
+        .map(|k| format!("{:.2},0,0,1,0,0,0,1\n", time(k)))
+        .collect();
+    std::fs::write(path("p.csv"), format!("t,x,y,z,qx,qy,qz,qw\n{poses}")).unwrap();
+    let [wrench, pose, out] = ["w.csv", "p.csv", "a.mcap"].map(path);
+    let fixed = [
+        "import-csv",
+        "--wrench",
+        &wrench,
+        "--pose",
+        &pose,
+        "--time",
+        "t",
+    ];
+    let mut arguments = fixed.to_vec();
+    arguments.extend(["-o", &out, "--force"]);
+    arguments.extend(more);
+    capture(&arguments)
+}
+
+#[test]
+fn rows_of_a_table_with_wrong_stamps_are_left_out_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let stamped = |rows: &mut Vec<String>, row: usize, stamp: &str| {
+        let (_, rest) = rows[row].split_once(',').unwrap();
+        rows[row] = format!("{stamp},{rest}");
+    };
+    for (stamp, told) in [
+        ("-1", "1 stamped before 1970 or after 2096"),
+        ("0", "1 stamped at another time"),
+        ("1000000000", "1 stamped at another time"),
+        ("700", "1 stamped at another time"),
+        ("100.49", "1 not later than the one before"),
+    ] {
+        let output = csv_of(folder.path(), |rows| stamped(rows, 50, stamp), &[]);
+        let (out, error) = said(&output);
+        assert_eq!(output.status.code(), Some(0), "{out}{error}");
+        assert!(out.contains("199 wrenches") && out.contains(told), "{out}");
+        let recording = folder.path().join("a.mcap");
+        let recording =
+            ft_recording::Recording::load(&recording, &ft_recording::TopicMap::default()).unwrap();
+        let (first, last) = (&recording.wrench[0], &recording.wrench[198]);
+        assert!((last.at.seconds_since(first.at) - 1.99).abs() < 1e-6);
+    }
+    let turned = csv_of(folder.path(), |rows| rows.reverse(), &[]);
+    assert!(
+        said(&turned).0.contains("199 wrenches put in order"),
+        "{:?}",
+        said(&turned)
+    );
+    let most = csv_of(
+        folder.path(),
+        |rows| (0..150).for_each(|row| stamped(rows, row, "-1")),
+        &[],
+    );
+    assert_eq!(most.status.code(), Some(3), "{:?}", said(&most));
+    let none = csv_of(
+        folder.path(),
+        |rows| (0..200).for_each(|row| stamped(rows, row, "-1")),
+        &[],
+    );
+    assert_eq!(none.status.code(), Some(1));
+    assert!(
+        said(&none).1.contains("200 stamped before 1970"),
+        "{:?}",
+        said(&none)
+    );
+}
+
+#[test]
+fn a_table_takes_frames_and_a_calibration_from_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let pose =
+        |z: f64| format!("position_m = [0.0, 0.0, {z}]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\n");
+    let frames = format!(
+        "[frames.aria_device_from_tcp]\n{}[frames.tcp_from_ft_sensor]\n{}",
+        pose(0.2),
+        pose(-0.1)
+    );
+    let calibration = "[calibration]\npayload_mass_kg = {value = 0.5, std = 0.01}\n\
+                       payload_com_m = {value = [0.0, 0.0, 0.06], std = [0.001, 0.001, 0.001]}\n\
+                       payload_inertia_kgm2 = {value = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], std = [0.1, 0.1, 0.1, 0.1, 0.1, 0.1]}\n";
+    // Both in one file, as `calibrate --find-rotation --toml` writes it.
+    let both = path("both.toml");
+    std::fs::write(&both, format!("{calibration}{frames}")).unwrap();
+    let output = csv_of(
+        folder.path(),
+        |_| {},
+        &["--frames", &both, "--calibration", &both],
+    );
+    assert_eq!(output.status.code(), Some(0), "{:?}", said(&output));
+    let recording = ft_recording::Recording::load(
+        Path::new(&path("a.mcap")),
+        &ft_recording::TopicMap::default(),
+    )
+    .unwrap();
+    assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, -0.1]);
+    let mass = recording.calibration.unwrap().payload_mass_kg.value;
+    assert!((mass - 0.5).abs() < 1e-12);
+    std::fs::write(&both, &frames).unwrap();
+    let output = csv_of(folder.path(), |_| {}, &["--calibration", &both]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).1.contains("there is no [calibration]"),
+        "{:?}",
+        said(&output)
+    );
+    // What is no number is a wrong argument.
+    for (option, value) in [
+        ("--min-quality", "nan"),
+        ("--min-quality", "7"),
+        ("--starts-at", "nan"),
+        ("--starts-at", "inf"),
+    ] {
+        let output = capture(&["import-aria", "a", "--mps", "b", "-o", "c", option, value]);
+        assert_eq!(output.status.code(), Some(2), "{option} {value}");
+        assert!(
+            said(&output).1.contains("a number from"),
+            "{:?}",
+            said(&output)
+        );
+    }
+}

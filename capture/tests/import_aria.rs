@@ -396,6 +396,50 @@ fn what_an_mps_folder_lacks_or_has_wrong_is_named() {
 }
 
 #[test]
+fn glasses_of_which_most_poses_are_left_out_are_data_lost() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    wrench_recording(
+        &path("a.mcap"),
+        HostTime::from_nanos(1_700_000_000_000_000_000),
+    );
+    let text = made_up("");
+    let import = |rows: &dyn Fn(usize, &str) -> String| {
+        let lines: Vec<String> = text
+            .lines()
+            .enumerate()
+            .map(|(k, line)| rows(k, line))
+            .collect();
+        std::fs::write(path("closed_loop_trajectory.csv"), lines.join("\n")).unwrap();
+        let done = std::process::Command::new(env!("CARGO_BIN_EXE_ft-capture"))
+            .args([
+                "import-aria",
+                "a.mcap",
+                "--mps",
+                "closed_loop_trajectory.csv",
+            ])
+            .args(["--no-align", "--starts-at", "1", "-o", "b.mcap", "--force"])
+            .current_dir(scratch.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&done.stdout).into_owned();
+        (done.status.code(), said)
+    };
+    // One digit too many in one row of 500, then no rotation in 300 of them.
+    let (code, said) =
+        import(&|k, line| line.replacen("a,8", if k == 105 { "a,80" } else { "a,8" }, 1));
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("1 rows stamped at another time"), "{said}");
+    let no_turn = |k: usize, line: &str| match k {
+        0..=200 => line.to_owned(),
+        _ => line.replace(",0,0,0,1,", ",0,0,0,0,"),
+    };
+    let (code, said) = import(&no_turn);
+    assert_eq!(code, Some(3), "{said}");
+    assert!(said.contains("MORE THAN HALF"), "{said}");
+}
+
+#[test]
 fn a_wrench_of_another_name_is_taken_by_a_map() {
     let scratch = tempfile::tempdir().unwrap();
     let path = |name: &str| scratch.path().join(name);

@@ -444,6 +444,73 @@ fn rows_that_say_nothing_are_left_out_one_by_one_and_told() {
     );
 }
 
+/// Changes the rows of the trajectory, without the header.
+fn with_trajectory(files: &Files, change: impl FnOnce(&mut Vec<String>)) -> Files {
+    let mut files = files.clone();
+    let (_, data) = files
+        .iter_mut()
+        .find(|(name, _)| name.ends_with("closed_loop_trajectory/data.csv"))
+        .unwrap();
+    let text = String::from_utf8(data.clone()).unwrap();
+    let mut lines: Vec<_> = text.lines().map(str::to_owned).collect();
+    let header = lines.remove(0);
+    change(&mut lines);
+    *data = format!("{header}\n{}\n", lines.join("\n")).into_bytes();
+    files
+}
+
+#[test]
+fn a_wrong_stamp_or_another_order_does_not_cost_the_rest_of_a_trajectory() {
+    let files = recording("bath", "2-4", PLAIN);
+    let (_, whole) = imported(&files);
+    let stamp = |k: i64| (EPOCH_NS + k * 5_000_000).to_string();
+    // 10 min ahead, and one digit too many.
+    for (wrong, told) in [
+        (
+            stamp(100 + 120_000),
+            "1 poses left out: stamped at another time",
+        ),
+        (stamp(100) + "0", "1 poses left out: without a stamp"),
+    ] {
+        let files = with_trajectory(&files, |rows| {
+            rows[100] = rows[100].replacen(&stamp(100), &wrong, 1);
+        });
+        let (report, recording) = imported(&files);
+        assert!(report.to_string().contains(told), "{report}");
+        assert_eq!(recording.pose.samples.len(), 2_399);
+    }
+    let shuffled = with_trajectory(&files, |rows| {
+        let mut state = 5;
+        for k in (1..rows.len()).rev() {
+            rows.swap(k, random(&mut state) as usize % (k + 1));
+        }
+    });
+    let (report, recording) = imported(&shuffled);
+    assert!(
+        report.to_string().contains("poses put in order"),
+        "{report}"
+    );
+    assert!(!report.lost_data());
+    assert_eq!(recording.pose, whole.pose);
+}
+
+#[test]
+fn a_trajectory_of_which_most_is_left_out_is_data_lost() {
+    let files = recording("bath", "2-5", PLAIN);
+    let files = with_trajectory(&files, |rows| {
+        for row in &mut rows[1_100..] {
+            let (head, rest) = row.split_once(',').unwrap();
+            let (_, rest) = rest.split_once(',').unwrap();
+            *row = format!("{head},0,{rest}");
+        }
+    });
+    let folder = tempfile::tempdir().unwrap();
+    lay(&files, folder.path());
+    let (code, text) = capture(&["import-hoi", ".", "-o", "out"], folder.path());
+    assert_eq!(code, Some(3), "{text}");
+    assert!(text.contains("MORE THAN HALF"), "{text}");
+}
+
 #[test]
 fn other_units_and_a_gyroscope_that_disagrees_are_told() {
     let (plain, _) = imported(&recording("hall", "1-1", PLAIN));

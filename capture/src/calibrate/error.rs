@@ -132,7 +132,8 @@ pub enum CalibrateError {
     },
     /// The force does not follow the poses by a rotation.
     #[error(
-        "the force follows the poses by a map that squeezes one axis to {squeezed:.2} of the longest or mirrors it (need 0.6 and no mirror): turn the          tool about all three axes in free air, and check the signs and axes of sensor and tracker"
+        "the force follows the poses by a map that squeezes one axis to {squeezed:.2} of the longest or mirrors it (need 0.6 and no mirror): turn the \
+         tool about all three axes in free air, and check the signs and axes of sensor and tracker"
     )]
     NoRotation {
         /// Shortest over longest axis.
@@ -140,7 +141,8 @@ pub enum CalibrateError {
     },
     /// The sensor's rotation is known too badly.
     #[error(
-        "the sensor's rotation on the tool shows only to +-{std_deg:.2} deg (need {needed_deg:.1} deg): turn the tool over about all three axes in free          air, still for 2 s in each orientation"
+        "the sensor's rotation on the tool shows only to +-{std_deg:.2} deg (need {needed_deg:.1} deg): turn the tool over about all three axes in free \
+         air, still for 2 s in each orientation"
     )]
     RotationUnknown {
         /// Largest standard deviation, deg.
@@ -179,4 +181,23 @@ pub enum CalibrateError {
         "the motion determines nothing: the tool did not move, or the poses are all the same; move it in free air"
     )]
     Singular,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rotation_that_is_not_found_is_told_without_holes_in_the_text() {
+        for error in [
+            CalibrateError::NoRotation { squeezed: 0.2 },
+            CalibrateError::RotationUnknown {
+                std_deg: 3.0,
+                needed_deg: 0.5,
+            },
+        ] {
+            let text = error.to_string();
+            assert!(!text.contains("  "), "{text}");
+        }
+    }
 }

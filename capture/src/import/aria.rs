@@ -292,6 +292,10 @@ impl HostMap {
             (None, Some(map)) => Ok(Self::Utc(map)),
             (None, None) => Err(ImportError::NoUtc {
                 path: trajectory.path.clone(),
+                why: match trajectory.utc_pairs().len() {
+                    0 => "its utc column is missing or -1",
+                    _ => "its utc column stands still, and only a step says when it was true",
+                },
             }),
         }
     }

@@ -13,6 +13,7 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
+mod drift;
 mod pieces;
 mod report;
 mod search;
@@ -27,10 +28,12 @@ use ft_recording::{
 };
 use ft_wire::HostTime;
 
+pub use drift::Drift;
+use drift::with_drift;
 use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
 pub use search::{HoiPart, HoiParts, parts};
-use weigh::{free_air, quiet_bias};
+use weigh::{NoFreeAir, free_air, quiet_bias};
 
 use super::archive::Tree;
 use super::topics::{add_poses, add_rates, add_temperature, add_wrench, import_entries, true_at};
@@ -57,6 +60,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         tree: Tree::default(),
         sources: Vec::new(),
         missing: Vec::new(),
+        not_weighed: None,
         left_out: 0,
     };
     let wrench = import.wrench()?;
@@ -103,6 +107,15 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
     };
     import.refuse_apart(&recording)?;
     let (calibration, kind, alignment) = import.weigh(&recording);
+    let mut drift = None;
+    let alignment = match (&kind, alignment) {
+        (HoiCalibration::FreeAir { until_s, .. }, Some(first)) => {
+            let (alignment, found) = with_drift(&recording, first, *until_s);
+            drift = Some(found);
+            Some(alignment)
+        }
+        (_, alignment) => alignment,
+    };
     let start = recording.wrench[0].at;
     if let Some(alignment) = alignment {
         for sample in &mut recording.pose.samples {
@@ -133,6 +146,8 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         counts: trajectory.counts,
         calibration: kind,
         alignment,
+        drift,
+        not_weighed: import.not_weighed,
         missing: import.missing,
         unused,
         sources: import.sources,
@@ -168,15 +183,16 @@ impl Import<'_> {
         let end = recording.wrench[recording.wrench.len() - 1]
             .at
             .seconds_since(recording.wrench[0].at);
+        let mut why = NoFreeAir::Nothing;
         // The tool may lie on a table first.
         for from_s in [0.0, 5.0, 10.0, 20.0, 30.0] {
             let mut best: Option<(f64, Calibrated)> = None;
             let mut until_s = from_s + 6.0;
             while until_s < end.min(90.0) {
                 match free_air(recording, from_s, until_s) {
-                    Some(found) => best = Some((until_s, found)),
-                    None if best.is_some() => break,
-                    None => {}
+                    Ok(found) => best = Some((until_s, found)),
+                    Err(_) if best.is_some() => break,
+                    Err(reason) => why = why.or(reason),
                 }
                 until_s += 3.0;
             }
@@ -186,11 +202,14 @@ impl Import<'_> {
             }
         }
         let (bias, quiet_s) = quiet_bias(recording);
-        self.missing.push(
-            "free air with the tool turned and shaken before the grasp: mass and centre of mass are the dataset's, the milliseconds between the \
-             clocks stay"
-                .to_owned(),
-        );
+        self.not_weighed = why.told();
+        let what = match self.not_weighed {
+            Some(_) => "a tool weighed in free air",
+            None => "free air with the tool turned and shaken before the grasp",
+        };
+        self.missing.push(format!(
+            "{what}: mass and centre of mass are the dataset's, the milliseconds between the clocks stay"
+        ));
         if bias.is_none() {
             self.missing
                 .push("a contact-free stretch of 5 s: the sensor's bias is unknown".to_owned());

@@ -90,12 +90,21 @@ fn pose(numbers: &[f64], key: &str, path: &Path) -> Result<Pose7, ImportError> {
     };
     let turn = Matrix3::new(a, b, c, d, e, f, g, h, i);
     let skewed = (turn * turn.transpose() - Matrix3::identity()).norm();
+    let determinant = turn.determinant();
     let last = [p, q, r, one - 1.0].iter().map(|v| v.abs()).sum::<f64>();
-    if !(skewed < 1e-3 && turn.determinant() > 0.0 && last < 1e-9) {
-        return Err(wrong(
-            path,
-            &format!("{key} is no pose: its rotation is off by {skewed:.2e}"),
-        ));
+    let why = if skewed.is_nan() || skewed >= 1e-3 {
+        format!("its rotation is off by {skewed:.2e}")
+    } else if determinant <= 0.0 {
+        format!("its rotation mirrors (determinant {determinant:.3})")
+    } else if last.is_nan() || last >= 1e-9 {
+        format!("its last row is {p} {q} {r} {one}, expected 0 0 0 1")
+    } else if ![x, y, z].iter().all(|v| v.is_finite()) {
+        format!("its position is {x} {y} {z}")
+    } else {
+        String::new()
+    };
+    if !why.is_empty() {
+        return Err(wrong(path, &format!("{key} is no pose: {why}")));
     }
     let turn = Rotation3::from_matrix_eps(&turn, 1e-12, 100, Rotation3::identity());
     let q = UnitQuaternion::from_rotation_matrix(&turn).coords;
@@ -150,5 +159,20 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(message.contains("is no pose"), "{message}");
+        assert!(message.contains("rotation is off by"), "{message}");
+        for (rows, wanted) in [
+            (
+                "[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]",
+                "mirrors (determinant -1.000)",
+            ),
+            (
+                "[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]",
+                "its last row is 0 0 0 2, expected 0 0 0 1",
+            ),
+        ] {
+            let json = format!("{{\"N\": {{\"T\": [{rows}]}}}}");
+            let error = from_json(&json, "/N/T", Path::new("a.json")).unwrap_err();
+            assert!(error.to_string().contains(wanted), "{error}");
+        }
     }
 }

@@ -17,6 +17,7 @@ mod upright;
 use upright::Upright;
 
 use super::clock_map::{ClockMap, median};
+use super::order::in_order;
 use super::table::{Column, Table};
 use super::{ImportError, sha256};
 
@@ -65,10 +66,16 @@ pub struct TrajectoryCounts {
     pub rows: u64,
     /// Rows whose stamp is empty, before 0 or after the year 2096: left out.
     pub no_stamp: u64,
-    /// Rows that are not later than the one before: left out.
+    /// Rows of another time, hours from the most, or some few with holes of 10 s around them: left out.
+    pub far: u64,
+    /// Rows that stood elsewhere than by their stamps: put in their places.
+    pub moved: u64,
+    /// Rows that, put in their places, are not later than the one before: left out.
     pub not_later: u64,
     /// Rows whose quaternion is no rotation, whose numbers are not finite, or that were cut short: left out.
     pub no_pose: u64,
+    /// Length of the first quaternion that is none; 1 is expected.
+    pub quaternion_length: Option<f64>,
     /// Rows of a quality below what was asked for: left out.
     pub low_quality: u64,
     /// Rows in another world than the most: left out.
@@ -81,6 +88,22 @@ pub struct TrajectoryCounts {
     pub turned_deg: f64,
     /// Smallest quality of the poses kept.
     pub least_quality: f64,
+}
+
+impl TrajectoryCounts {
+    /// Whether more than half of the rows are left out for another reason than a quality that was asked for.
+    #[must_use]
+    pub const fn lost_data(&self) -> bool {
+        let lost = self.no_stamp + self.far + self.not_later + self.no_pose + self.other_world;
+        2 * lost > self.rows
+    }
+
+    /// What was wrong with the first quaternion that is none; empty when there is none such.
+    pub(super) fn quaternion_text(&self) -> String {
+        self.quaternion_length.map_or_else(String::new, |length| {
+            format!(" (the first quaternion that is none has the length {length:.3}, expected 1)")
+        })
+    }
 }
 
 /// A file of a folder, and its hash.
@@ -172,19 +195,15 @@ impl Trajectory {
             let utc_ns = utc.and_then(|column| table.instant(row, column, 1).ok()?);
             let utc_ns = utc_ns.filter(|utc| *utc > 0);
             out.counts.without_utc += u64::from(utc_ns.is_none());
-            let pose = Pose7::normalised(table.numbers(row, position)?, table.numbers(row, turn)?);
-            let Some(pose) = pose else {
+            let (position, turn) = (table.numbers(row, position)?, table.numbers(row, turn)?);
+            let Some(pose) = Pose7::normalised(position, turn) else {
                 out.counts.no_pose += 1;
+                let length = turn.iter().map(|q| q * q).sum::<f64>().sqrt();
+                if length.is_finite() && !(0.5..=2.0).contains(&length) {
+                    out.counts.quaternion_length.get_or_insert(length);
+                }
                 continue;
             };
-            if out
-                .poses
-                .last()
-                .is_some_and(|last| last.device_ns >= device_ns)
-            {
-                out.counts.not_later += 1;
-                continue;
-            }
             if quality.is_nan() || quality < min_quality {
                 out.counts.low_quality += 1;
                 continue;
@@ -195,7 +214,6 @@ impl Trajectory {
                 out.counts.other_world += 1;
                 continue;
             }
-            out.counts.doubtful += u64::from(quality < 0.5);
             if let [Some(x), Some(y), Some(z)] = gravity {
                 up.add(table.numbers(row, [x, y, z])?);
             }
@@ -215,6 +233,12 @@ impl Trajectory {
     }
 
     fn finish(mut self, up: &Upright) -> Result<Self, ImportError> {
+        let stamped = self.poses.iter().map(|pose| (pose.device_ns, *pose));
+        let ordered = in_order(stamped.collect());
+        self.counts.far = ordered.far;
+        self.counts.moved = ordered.moved;
+        self.counts.not_later = ordered.repeated;
+        self.poses = ordered.rows.into_iter().map(|(_, pose)| pose).collect();
         let turn = up.turn();
         self.counts.turned_deg = turn.rotation_deg;
         if turn.rotation_deg > 0.01 {
@@ -224,16 +248,20 @@ impl Trajectory {
         }
         let least = self.poses.iter().map(|pose| pose.quality);
         self.counts.least_quality = least.fold(1.0, f64::min);
+        let doubtful = self.poses.iter().filter(|pose| pose.quality < 0.5);
+        self.counts.doubtful = doubtful.count() as u64;
         if self.poses.len() < 2 {
             return Err(ImportError::Content {
                 reason: format!(
-                    "{} of {} rows are usable poses, need at least 2 (no stamp {}, quality too low {}, no rotation {}, not later {}); \
+                    "{} of {} rows are usable poses, need at least 2 (no stamp {}, of another time {}, quality too low {}, no rotation {}{}, not later {}); \
                      lower --min-quality or look at the file",
                     self.poses.len(),
                     self.counts.rows,
                     self.counts.no_stamp,
+                    self.counts.far,
                     self.counts.low_quality,
                     self.counts.no_pose,
+                    self.counts.quaternion_text(),
                     self.counts.not_later
                 ),
                 path: self.path,

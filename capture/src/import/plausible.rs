@@ -29,14 +29,17 @@ const FAR_NS: u64 = 6 * 3_600_000_000_000;
 /// Gives how many.
 pub(super) fn leave_out_far<T>(samples: &mut Vec<Stamped<T>>) -> u64 {
     let before = samples.len();
-    let Some(middle) = samples.get(before / 2).map(|sample| sample.at.as_nanos()) else {
-        return 0;
-    };
-    samples.retain(|sample| {
-        let at = sample.at.as_nanos();
-        at > 0 && at.abs_diff(middle) <= FAR_NS
-    });
+    samples.retain(|sample| sample.at.as_nanos() > 0);
+    keep_near(samples, |sample| sample.at.as_nanos());
     (before - samples.len()) as u64
+}
+
+/// Leaves out what is hours from the median of anything that stands by time, in ns.
+pub(super) fn keep_near<T>(samples: &mut Vec<T>, at: impl Fn(&T) -> i64) {
+    let Some(middle) = samples.get(samples.len() / 2).map(&at) else {
+        return;
+    };
+    samples.retain(|sample| at(sample).abs_diff(middle) <= FAR_NS);
 }
 
 /// Of forces and torques, N and N m.

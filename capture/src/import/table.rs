@@ -87,6 +87,15 @@ impl Table {
                 reason: "it is empty: not even a line with the names of columns".to_owned(),
             });
         }
+        if let ([header], Some(separator)) = (columns.as_slice(), other_separator(&columns)) {
+            return Err(ImportError::Content {
+                path: path.to_owned(),
+                reason: format!(
+                    "its columns are separated by {separator} ({}): write it with commas between them and points in numbers",
+                    shortened(header)
+                ),
+            });
+        }
         let mut table = Self {
             path: path.to_owned(),
             columns,
@@ -183,8 +192,15 @@ impl Table {
     /// The column of this name.
     ///
     /// # Errors
-    /// There is none.
+    /// There is none, or more than one.
     pub fn column(&self, name: &str) -> Result<Column, ImportError> {
+        let count = self.columns.iter().filter(|column| *column == name).count();
+        if count > 1 {
+            return Err(ImportError::Content {
+                path: self.path.clone(),
+                reason: format!("{count} columns are called {name}: give each its own name"),
+            });
+        }
         self.find(name).ok_or_else(|| ImportError::Column {
             path: self.path.clone(),
             column: name.to_owned(),
@@ -295,6 +311,18 @@ impl Table {
     }
 }
 
+/// What separates the columns of a header without a comma.
+fn other_separator(columns: &[String]) -> Option<&'static str> {
+    let [header] = columns else {
+        return None;
+    };
+    let known = [(';', "semicolons"), ('\t', "tabs")];
+    let found = known
+        .into_iter()
+        .find(|(letter, _)| header.contains(*letter));
+    found.map(|(_, name)| name)
+}
+
 /// A field without the quotes around it. One that has a comma or a line's end in them is not known: numbers and names have none.
 fn unquoted(field: &str) -> &str {
     let inner = field.strip_prefix('"');
@@ -359,6 +387,23 @@ mod tests {
         assert_eq!(table.numbers(2, [a, b]).unwrap(), [4.0, 5.0]);
         let message = table.float(0, b).unwrap_err().to_string();
         assert_eq!(message, "a.csv line 2: b is \"\\\"2\", expected a number");
+    }
+
+    #[test]
+    fn other_separators_and_columns_of_one_name_are_named() {
+        for (text, wanted) in [
+            ("t;Fx;Fy\n1;2,5;3\n", "separated by semicolons (t;Fx;Fy)"),
+            ("t\tFx\n1\t2\n", "separated by tabs"),
+        ] {
+            let message = table(text).unwrap_err().to_string();
+            assert!(message.contains(wanted), "{message}");
+        }
+        let table = table("a,b,a\n1,2,3\n").unwrap();
+        let message = table.columns(["b", "a"]).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "a.csv: 2 columns are called a: give each its own name"
+        );
     }
 
     #[test]

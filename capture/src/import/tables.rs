@@ -6,15 +6,22 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use ft_recording::qos::Qos;
 use ft_recording::rewrite::Rewrite;
-use ft_recording::{Pose7, Stamped, metadata, topic};
+use ft_recording::{Calibration, ReadError, metadata, topic};
 use ft_wire::HostTime;
 use serde::Serialize;
 
+mod rows;
+
+pub use rows::RowCounts;
+
 use super::ImportError;
 use super::mps::SourceFile;
-use super::table::{Column, LAST_INSTANT, Table};
-use super::topics::{add_poses, add_wrench, import_entries};
+use super::table::{Column, Table};
+use super::topics::{add_poses, add_wrench, import_entries, true_at};
+use crate::config::Frames;
+use crate::encode::static_transforms;
 
 /// Rows at a rate begin here, because nothing says when they were: 2020-01-01 00:00:00 UTC.
 const UNKNOWN_BEGIN: HostTime = HostTime::from_nanos(1_577_836_800_000_000_000);
@@ -52,6 +59,10 @@ pub struct TableOptions {
     pub pose_columns: Option<[String; 7]>,
     /// The sensor reports what the tool does to the environment: turn the signs round.
     pub negate_wrench: bool,
+    /// Where the tool is on the glasses, and the sensor on the tool; else nothing is said of it.
+    pub frames: Option<Frames>,
+    /// The tool's weight and the sensor's bias, found before.
+    pub calibration: Option<Calibration>,
     /// Replace an existing recording.
     pub overwrite: bool,
 }
@@ -65,8 +76,10 @@ pub struct TablesReport {
     pub sources: Vec<SourceFile>,
     /// Wrenches and poses written.
     pub samples: [u64; 2],
-    /// Rows of wrench and poses that are left out: a field is empty, missing or not finite, or the quaternion is none.
+    /// Rows of wrench and poses that are left out.
     pub left_out: [u64; 2],
+    /// Why, of each.
+    pub counts: [RowCounts; 2],
     /// What looks like other units.
     pub doubts: Vec<String>,
     /// Whether the times are made up from a rate.
@@ -86,55 +99,45 @@ pub fn import_tables(
     let (wrenches, poses) = (Table::open(wrench)?, Table::open(pose)?);
     let sign = if options.negate_wrench { -1.0 } else { 1.0 };
     let columns = named(&wrenches, options.wrench_columns.as_ref(), &WRENCH_NAMES)?;
-    let times = times(&wrenches, &options.time)?;
-    let mut samples = Vec::with_capacity(wrenches.len());
-    for (row, at) in times.into_iter().enumerate() {
-        let value = wrenches.numbers(row, columns)?.map(|value| sign * value);
-        let is_finite = value.iter().all(|value| value.is_finite());
-        samples.extend(at.filter(|_| is_finite).map(|at| Stamped { at, value }));
-    }
-    let track = track(&poses, options)?;
-    for (path, count) in [(wrench, samples.len()), (pose, track.len())] {
-        if count == 0 {
-            return Err(ImportError::Content {
-                path: path.to_owned(),
-                reason: "no row of it can be used: every one has an empty field or one that is not finite".to_owned(),
-            });
-        }
-    }
-    let left_out =
-        |table: &Table, used: usize| table.len().saturating_sub(used) as u64 + table.cut_rows();
+    let signed = |_: &mut RowCounts, value: [f64; 6]| Some(value.map(|value| sign * value));
+    let (samples, of_wrench) = RowCounts::read(&wrenches, &options.time, columns, signed)?;
+    let columns = named(&poses, options.pose_columns.as_ref(), &POSE_NAMES)?;
+    let (track, of_poses) = RowCounts::read(&poses, &options.time, columns, RowCounts::pose)?;
     let mut doubts = super::plausible::of_wrench(&samples);
     doubts.extend(super::plausible::of_poses(&track));
     let report = TablesReport {
         path: out.to_owned(),
         sources: vec![SourceFile::of(wrench)?, SourceFile::of(pose)?],
         samples: [samples.len() as u64, track.len() as u64],
-        left_out: [
-            left_out(&wrenches, samples.len()),
-            left_out(&poses, track.len()),
-        ],
+        left_out: [of_wrench.left_out(), of_poses.left_out()],
+        counts: [of_wrench, of_poses],
         doubts,
         times_made_up: matches!(options.time, RowTime::Rate(_)),
     };
     let mut rewrite = Rewrite::new();
     add_wrench(&mut rewrite, &samples);
     add_poses(&mut rewrite, topic::TCP_POSE, &track);
+    if let Some(frames) = &options.frames {
+        let start = samples.first().map_or(UNKNOWN_BEGIN, |sample| sample.at);
+        let transforms = static_transforms(frames, start);
+        rewrite.add(
+            topic::TF_STATIC,
+            Qos::LATCHED,
+            [(true_at(start), transforms)],
+        );
+    }
+    if let Some(calibration) = &options.calibration {
+        let entries = calibration
+            .to_metadata()
+            .map_err(|source| ReadError::Calibration {
+                path: out.to_owned(),
+                source,
+            })?;
+        rewrite.metadata(metadata::CALIBRATION, entries);
+    }
     rewrite.metadata(metadata::IMPORT, import_entries("tables", &report));
     rewrite.write(None, out, options.overwrite)?;
     Ok(report)
-}
-
-/// Poses by time, as far as they are usable.
-fn track(poses: &Table, options: &TableOptions) -> Result<Vec<Stamped<Pose7>>, ImportError> {
-    let columns = named(poses, options.pose_columns.as_ref(), &POSE_NAMES)?;
-    let mut track = Vec::with_capacity(poses.len());
-    for (row, at) in times(poses, &options.time)?.into_iter().enumerate() {
-        let [x, y, z, rotation @ ..] = poses.numbers(row, columns)?;
-        let pose = at.zip(Pose7::normalised([x, y, z], rotation));
-        track.extend(pose.map(|(at, value)| Stamped { at, value }));
-    }
-    Ok(track)
 }
 
 fn named<const N: usize>(
@@ -151,40 +154,12 @@ fn named<const N: usize>(
     table.columns(*fitting.unwrap_or(&known[0]))
 }
 
-/// When each row was true; `None` where its field says nothing.
-fn times(table: &Table, time: &RowTime) -> Result<Vec<Option<HostTime>>, ImportError> {
-    match time {
-        RowTime::Rate(hz) => Ok((0..table.len())
-            .map(|row| Some(super::shifted(UNKNOWN_BEGIN, row as f64 / hz)))
-            .collect()),
-        RowTime::Column(name, unit_ns) => {
-            let column = table.column(name)?;
-            (0..table.len())
-                .map(|row| {
-                    // Whole numbers stay exact.
-                    let nanos = match table.number::<i64>(row, column) {
-                        Ok(whole) => whole.checked_mul(*unit_ns),
-                        Err(_) => {
-                            let number = table.float(row, column)?;
-                            if number.is_nan() {
-                                return Ok(None);
-                            }
-                            Some(super::nanos(number * *unit_ns as f64 * 1e-9))
-                        }
-                    };
-                    nanos
-                        .filter(|nanos| (0..=LAST_INSTANT).contains(nanos))
-                        .map(|nanos| Some(HostTime::from_nanos(nanos)))
-                        .ok_or_else(|| ImportError::Content {
-                            path: table.path().to_owned(),
-                            reason: format!(
-                                "row {} of {name} is no instant from 1970 to 2096; --time-unit says what its numbers are",
-                                row + 1
-                            ),
-                        })
-                })
-                .collect()
-        }
+impl TablesReport {
+    /// Whether more than half of a table's rows are missing.
+    #[must_use]
+    pub fn lost_data(&self) -> bool {
+        let mut tables = self.counts.iter();
+        tables.any(|counts| 2 * counts.left_out() > counts.rows)
     }
 }
 
@@ -197,16 +172,32 @@ impl fmt::Display for TablesReport {
             self.samples[0],
             self.samples[1]
         )?;
-        for (count, what) in self.left_out.into_iter().zip(["wrenches", "poses"]) {
-            if count > 0 {
+        for (counts, what) in self.counts.iter().zip(["wrenches", "poses"]) {
+            let of_values = counts.no_value + counts.no_rotation;
+            if of_values > 0 {
                 write!(
                     f,
-                    ", {count} {what} left out (a field is empty, missing or not finite, or the quaternion is none)"
+                    ", {of_values} {what} left out (a field is empty, missing or not finite, or the quaternion is none)"
                 )?;
             }
         }
         if self.times_made_up {
             write!(f, ", times made up from the rate (begin 2020-01-01)")?;
+        }
+        for (counts, what) in self.counts.iter().zip(["wrenches", "poses"]) {
+            if counts.left_out() > 0 {
+                write!(f, "\n  {what} left out: {counts}")?;
+            }
+            if counts.moved > 0 {
+                write!(
+                    f,
+                    "\n  {} {what} put in order by their stamps",
+                    counts.moved
+                )?;
+            }
+        }
+        if self.lost_data() {
+            write!(f, "\n  MORE THAN HALF of the rows of a table are left out")?;
         }
         for doubt in &self.doubts {
             write!(f, "\n  doubtful: {doubt}")?;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ft_capture::calibrate::CalibrateOptions;
-use ft_capture::config::{ConfigError, Frames};
+use ft_capture::config::{ConfigError, Frames, load_calibration};
 use ft_capture::import::aria::{AriaOptions, import_aria};
 use ft_capture::import::bag::{BagTopics, import_bag};
 use ft_capture::import::hoi;
@@ -37,11 +37,11 @@ pub(crate) struct AriaArguments {
     /// The new recording
     #[arg(short, long, value_name = "FILE.mcap")]
     output: PathBuf,
-    /// A capture.toml with both [frames] [default: the recording's /tf_static]
+    /// A capture.toml, or another file, with both [frames] [default: the recording's /tf_static]
     #[arg(long, value_name = "FILE.toml")]
     frames: Option<PathBuf>,
     /// Seconds after the first wrench at which the trajectory begins [default: by utc]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     starts_at: Option<f64>,
     /// Keep the times: do not align by the tool's own wrench
     #[arg(long)]
@@ -53,7 +53,7 @@ pub(crate) struct AriaArguments {
     #[arg(long, default_value_t = 10.0, value_parser = positive)]
     search: f64,
     /// Leave out poses of a lower quality_score, 0 to 1
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = quality)]
     min_quality: f64,
     /// Take the open-loop trajectory even when there is a closed-loop one
     #[arg(long)]
@@ -69,19 +69,41 @@ pub(crate) struct AriaArguments {
     json: bool,
 }
 
+/// What `load` makes of the file of an option, if it is given.
+fn of_file<T>(
+    option: &str,
+    path: Option<&Path>,
+    load: impl FnOnce(&Path) -> Result<T, ConfigError>,
+) -> Result<Option<T>, Box<dyn std::error::Error>> {
+    let loaded = path.map(|path| match load(path) {
+        Ok(loaded) => Ok(loaded),
+        Err(ConfigError::Unreadable { path, source }) => {
+            Err(format!("{option} {}: {source}", path.display()).into())
+        }
+        Err(error) => Err(Box::<dyn std::error::Error>::from(error)),
+    });
+    loaded.transpose()
+}
+
+/// A span, either way.
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok();
+    number
+        .filter(|number| number.abs() <= 1e8)
+        .ok_or_else(|| "a number from -1e8 to 1e8".to_owned())
+}
+
+/// A share.
+fn quality(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok();
+    number
+        .filter(|number| (0.0..=1.0).contains(number))
+        .ok_or_else(|| "a number from 0 to 1".to_owned())
+}
+
 /// Carries `import-aria` out.
 pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
-    let frames = arguments
-        .frames
-        .as_deref()
-        .map(|path| match Frames::load(path) {
-            Ok(frames) => Ok(frames),
-            Err(ConfigError::Unreadable { path, source }) => {
-                Err(format!("--frames {}: {source}", path.display()).into())
-            }
-            Err(error) => Err(Box::<dyn std::error::Error>::from(error)),
-        })
-        .transpose()?;
+    let frames = of_file("--frames", arguments.frames.as_deref(), Frames::load)?;
     let options = AriaOptions {
         frames,
         starts_at_s: arguments.starts_at,
@@ -103,7 +125,8 @@ pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
         &arguments.output,
         &options,
     )?;
-    told(&report, arguments.json)
+    told(&report, arguments.json)?;
+    Ok(Outcome::of(report.lost_data()))
 }
 
 const HOI_EXAMPLES: &str = "Examples:
@@ -152,6 +175,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
     }
     let bar = bar_of(parts.len());
     let (mut reports, mut failed) = (Vec::new(), 0);
+    let mut lost = !found.unreadable.is_empty();
     for (part, output) in parts.iter().zip(outputs) {
         let out = if single {
             arguments.output.clone()
@@ -176,6 +200,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         }
         match hoi::import_part(part, &out, arguments.force) {
             Ok(report) => {
+                lost |= report.lost_data();
                 if !arguments.json {
                     say(&report.to_string())?;
                 }
@@ -194,7 +219,7 @@ pub(crate) fn hoi(arguments: &HoiArguments) -> CommandResult {
         say(&serde_json::to_string_pretty(&reports)?)?;
     }
     match failed {
-        0 => Ok(Outcome::of(!found.unreadable.is_empty())),
+        0 => Ok(Outcome::of(lost)),
         _ => Err(format!(
             "{failed} of {} recordings could not be imported",
             parts.len()
@@ -215,9 +240,12 @@ fn bar_of(count: usize) -> indicatif::ProgressBar {
 const CSV_EXAMPLES: &str = "Examples:
   ft-capture import-csv --wrench Wrench_interaction_saved.csv --pose baton_pose_saved.csv --rate 120 -o baton.mcap
   ft-capture import-csv --wrench ft.csv --pose tracker.csv --time t --time-unit us --wrench-columns a,b,c,d,e,f -o a.mcap
+  ft-capture import-csv --wrench ft.csv --pose tcp.csv --time t --frames frames.toml --calibration calibration.toml -o a.mcap
+  ft-capture calibrate shake.mcap --find-rotation --toml both.toml      finds both in a recording with free air; both.toml serves for either
 
 Then `ft-capture check baton.mcap` says what the recording is worth. Force and torque in N and N m, environment on tool, in the sensor's
-axes; poses in m, world from tool centre point, z up.";
+axes; poses in m, world from tool centre point, z up. Rows without a usable stamp, of another time than the most, or of a stamp twice are
+left out and counted; exit code 3 when these are more than half.";
 
 /// What to import.
 #[derive(Debug, Args)]
@@ -250,6 +278,12 @@ pub(crate) struct CsvArguments {
     /// The sensor reports what the tool does to the environment: turn the signs round
     #[arg(long)]
     negate: bool,
+    /// Where the sensor is on the tool: a file with both [frames]
+    #[arg(long, value_name = "FILE.toml")]
+    frames: Option<PathBuf>,
+    /// The tool's weight and the sensor's bias: a file with [calibration]
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
     /// Replace an existing recording
     #[arg(long)]
     force: bool,
@@ -293,6 +327,12 @@ pub(crate) fn csv(arguments: &CsvArguments) -> CommandResult {
         wrench_columns: names(&arguments.wrench_columns, "--wrench-columns")?,
         pose_columns: names(&arguments.pose_columns, "--pose-columns")?,
         negate_wrench: arguments.negate,
+        frames: of_file("--frames", arguments.frames.as_deref(), Frames::load)?,
+        calibration: of_file(
+            "--calibration",
+            arguments.calibration.as_deref(),
+            load_calibration,
+        )?,
         overwrite: arguments.force,
     };
     let report = import_tables(
@@ -301,7 +341,8 @@ pub(crate) fn csv(arguments: &CsvArguments) -> CommandResult {
         &arguments.output,
         &options,
     )?;
-    told(&report, arguments.json)
+    told(&report, arguments.json)?;
+    Ok(Outcome::of(report.lost_data()))
 }
 
 const BAG_EXAMPLES: &str = "Examples (the raw form of the Hoi! dataset, whose two clocks are not aligned):

@@ -46,6 +46,14 @@ pub struct AriaReport {
     pub not_read: Option<String>,
 }
 
+impl AriaReport {
+    /// Whether more than half of the trajectory is missing.
+    #[must_use]
+    pub const fn lost_data(&self) -> bool {
+        self.counts.lost_data()
+    }
+}
+
 impl fmt::Display for AriaReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = &self.counts;
@@ -65,6 +73,19 @@ impl fmt::Display for AriaReport {
             counts.low_quality,
             counts.least_quality
         )?;
+        if counts.quaternion_length.is_some() {
+            writeln!(f, "no rotation:{}", counts.quaternion_text())?;
+        }
+        if counts.far > 0 {
+            writeln!(
+                f,
+                "{} rows stamped at another time than the most left out",
+                counts.far
+            )?;
+        }
+        if counts.moved > 0 {
+            writeln!(f, "{} rows put in order by their stamps", counts.moved)?;
+        }
         if counts.no_stamp > 0 {
             writeln!(
                 f,
@@ -143,6 +164,9 @@ impl fmt::Display for AriaReport {
                 f,
                 "no /tcp/pose: nothing says where the tool is on the glasses (--frames)"
             )?;
+        }
+        if self.lost_data() {
+            writeln!(f, "MORE THAN HALF of the trajectory's rows are left out")?;
         }
         write!(f, "from")?;
         for file in &self.sources {

@@ -12,6 +12,7 @@ use crate::import::aria::static_pose;
 use crate::import::clock_map::median;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
+use crate::import::order::in_order;
 use crate::import::plausible::leave_out_far;
 use crate::import::table::Table;
 use crate::import::{ImportError, hex};
@@ -22,6 +23,8 @@ pub(super) struct Import<'a> {
     pub(super) tree: Tree,
     pub(super) sources: Vec<SourceFile>,
     pub(super) missing: Vec<String>,
+    /// Why the tool was not weighed although it moved.
+    pub(super) not_weighed: Option<String>,
     /// Wrenches that are not finite, cut short, or stamped as another or at another time.
     pub(super) left_out: u64,
 }
@@ -127,15 +130,14 @@ impl Import<'_> {
             if let Some(at) = table.instant(row, time, 1)?
                 && value.iter().all(|number| number.is_finite())
             {
-                samples.push(Stamped {
-                    at: HostTime::from_nanos(at),
-                    value,
-                });
+                samples.push((at, value));
             }
         }
-        samples.sort_by_key(|sample| sample.at);
-        samples.dedup_by_key(|sample| sample.at);
-        leave_out_far(&mut samples);
+        let stamped = |(at, value)| Stamped {
+            at: HostTime::from_nanos(at),
+            value,
+        };
+        let samples: Vec<_> = in_order(samples).rows.into_iter().map(stamped).collect();
         self.left_out = (table.len() - samples.len()) as u64 + table.cut_rows();
         if samples.len() < 2 {
             return Err(ImportError::Content {

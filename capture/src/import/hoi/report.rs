@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::Drift;
 use crate::calibrate::Alignment;
 use crate::gyro::GyroCheck;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
@@ -26,8 +27,12 @@ pub struct HoiReport {
     pub calibration: HoiCalibration,
     /// How far the poses were moved; none when the free air does not show it.
     pub alignment: Option<Alignment>,
+    /// How the clocks drift apart; none without an alignment.
+    pub drift: Option<Drift>,
     /// What the sensor's own gyroscope says of the times that were written; none when it shows nothing.
     pub gyro_check: Option<GyroCheck>,
+    /// Why the tool was not weighed although it moved.
+    pub not_weighed: Option<String>,
     /// What looks like other units.
     pub doubts: Vec<String>,
     /// What is not there, and what that costs.
@@ -56,6 +61,14 @@ pub enum HoiCalibration {
     },
 }
 
+impl HoiReport {
+    /// Whether more than half of the wrench or of the trajectory is missing.
+    #[must_use]
+    pub const fn lost_data(&self) -> bool {
+        self.left_out > self.samples[0] || self.counts.lost_data()
+    }
+}
+
 impl fmt::Display for HoiReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -82,10 +95,23 @@ impl fmt::Display for HoiReport {
             (counts.not_later, "not later than the one before"),
             (counts.no_pose, "without a rotation, or with an empty field"),
             (counts.no_stamp, "without a stamp"),
+            (counts.far, "stamped at another time than the most"),
             (counts.low_quality, "without a quality"),
         ];
         for (count, what) in poses.into_iter().filter(|(count, _)| *count > 0) {
             write!(f, "\n  {count} poses left out: {what}")?;
+        }
+        if counts.quaternion_length.is_some() {
+            write!(f, "\n  no rotation:{}", counts.quaternion_text())?;
+        }
+        if counts.moved > 0 {
+            write!(f, "\n  {} poses put in order by their stamps", counts.moved)?;
+        }
+        if self.lost_data() {
+            write!(
+                f,
+                "\n  MORE THAN HALF of the rows of the wrench or the trajectory are left out"
+            )?;
         }
         match &self.calibration {
             HoiCalibration::FreeAir { from_s, until_s } => write!(
@@ -103,8 +129,14 @@ impl fmt::Display for HoiReport {
         if let Some(alignment) = &self.alignment {
             write!(f, "\n  {alignment}")?;
         }
+        if let Some(drift) = &self.drift {
+            write!(f, "\n  {drift}")?;
+        }
         if let Some(check) = &self.gyro_check {
             write!(f, "\n  the sensor's gyroscope {check}")?;
+        }
+        if let Some(reason) = &self.not_weighed {
+            write!(f, "\n  not weighed: {reason}")?;
         }
         for doubt in &self.doubts {
             write!(f, "\n  doubtful: {doubt}")?;

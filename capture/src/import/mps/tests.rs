@@ -106,6 +106,18 @@ fn columns_in_other_units_are_refused() {
 }
 
 #[test]
+fn a_quaternion_of_another_length_is_named() {
+    for (length, wanted) in [
+        ("0", "has the length 0.000"),
+        ("100", "has the length 100.000"),
+    ] {
+        let text = format!("{HEADER}1,1,-1,{length},0,0,0,0,0,0,0,0,-9.81\n");
+        let message = read(&text, 0.0).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{message}");
+    }
+}
+
+#[test]
 fn a_trajectory_without_a_usable_pose_is_refused() {
     let text = format!("{HEADER}0.2,5,-1,1,0,0,0,0,0,0,0,0,-9.81\n");
     let message = read(&text, 0.5).unwrap_err().to_string();

@@ -1,0 +1,135 @@
+//! Rows by their stamps, without those that are stamped at another time.
+
+use super::plausible::keep_near;
+
+/// A hole that parts groups of rows, ns.
+const HOLE_NS: i64 = 10_000_000_000;
+/// Fewer rows than this with holes around them show no motion: their stamps are wrong.
+const MIN_GROUP: usize = 20;
+
+/// Rows by their stamps, and what became of the others.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Ordered<T> {
+    /// Stamp, ns, and row; each later than the one before.
+    pub(super) rows: Vec<(i64, T)>,
+    /// Rows hours from the most, or some few with holes of 10 s around them: left out.
+    pub(super) far: u64,
+    /// Rows that stood elsewhere than by their stamps: put in their places.
+    pub(super) moved: u64,
+    /// Rows of the stamp of another, of which the first of the file is kept: left out.
+    pub(super) repeated: u64,
+}
+
+/// Puts rows with their stamps, ns, in order; those of one stamp as they stand.
+pub(super) fn in_order<T>(rows: Vec<(i64, T)>) -> Ordered<T> {
+    let mut places: Vec<(i64, usize, T)> = rows
+        .into_iter()
+        .enumerate()
+        .map(|(place, (at, row))| (at, place, row))
+        .collect();
+    places.sort_by_key(|(at, _, _)| *at);
+    let all = places.len();
+    // First: many rows of one wrong stamp are no majority.
+    places.dedup_by_key(|(at, _, _)| *at);
+    let later = places.len();
+    keep_near(&mut places, |(at, _, _)| *at);
+    leave_out_alone(&mut places);
+    let moved = places.len() - longest_rise(places.iter().map(|(_, place, _)| *place));
+    Ordered {
+        far: (later - places.len()) as u64,
+        moved: moved as u64,
+        repeated: (all - later) as u64,
+        rows: places.into_iter().map(|(at, _, row)| (at, row)).collect(),
+    }
+}
+
+fn leave_out_alone<T>(places: &mut Vec<(i64, usize, T)>) {
+    let groups = places.chunk_by(|a, b| b.0.saturating_sub(a.0) < HOLE_NS);
+    let kept: Vec<bool> = groups
+        .flat_map(|group| std::iter::repeat_n(group.len() >= MIN_GROUP, group.len()))
+        .collect();
+    if kept.contains(&true) {
+        let mut kept = kept.into_iter();
+        places.retain(|_| kept.next().unwrap_or(true));
+    }
+}
+
+/// Length of the longest part, in its order, that rises: all others stand elsewhere than they should.
+fn longest_rise(places: impl Iterator<Item = usize>) -> usize {
+    // The least place at which a rise of each length ends.
+    let mut ends: Vec<usize> = Vec::new();
+    for place in places {
+        let length = ends.partition_point(|end| *end < place);
+        match ends.get_mut(length) {
+            Some(end) => *end = place,
+            None => ends.push(place),
+        }
+    }
+    ends.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At 1 kHz, from 2 min after the clock's begin; a row holds its number.
+    fn rows() -> Vec<(i64, usize)> {
+        let at = |k: usize| 120_000_000_000 + k as i64 * 1_000_000;
+        (0..5_000).map(|k| (at(k), k)).collect()
+    }
+
+    fn whole(rows: Vec<(i64, usize)>) -> Ordered<usize> {
+        Ordered {
+            rows,
+            far: 0,
+            moved: 0,
+            repeated: 0,
+        }
+    }
+
+    #[test]
+    fn one_wrong_stamp_costs_its_own_row_alone() {
+        assert_eq!(in_order(rows()), whole(rows()));
+        let at = rows()[100].0;
+        for wrong in [at + 600_000_000_000, at * 10, at * 1_000, 0, 1_000_000_000] {
+            let mut some = rows();
+            some[100].0 = wrong;
+            let found = in_order(some);
+            assert_eq!((found.rows.len(), found.far), (4_999, 1), "{wrong}");
+            assert_eq!((found.moved, found.repeated), (0, 0), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn rows_in_any_order_are_the_same() {
+        let mut swapped = rows();
+        swapped.swap(10, 4_000);
+        assert_eq!(in_order(swapped).moved, 2);
+        let found = in_order(rows().into_iter().rev().collect());
+        assert_eq!((found.rows, found.moved, found.far), (rows(), 4_999, 0));
+        let mut mostly_0 = rows();
+        mostly_0[1_000..].iter_mut().for_each(|row| row.0 = 0);
+        let found = in_order(mostly_0);
+        assert_eq!(
+            (found.rows.len(), found.far, found.repeated),
+            (1_000, 1, 3_999)
+        );
+        // Twice the same: the first of each pair is kept.
+        let found = in_order([rows(), rows()].concat());
+        let expected = (rows(), 5_000, 0);
+        assert_eq!((found.rows, found.repeated, found.moved), expected);
+    }
+
+    #[test]
+    fn a_pause_does_not_cost_the_rest() {
+        let mut some = rows();
+        for row in &mut some[2_000..] {
+            row.0 += 90_000_000_000;
+        }
+        assert_eq!(in_order(some.clone()), whole(some));
+        // Few rows are no less than there are.
+        let few: Vec<_> = (1..4).map(|k| (k * 60_000_000_000, 0)).collect();
+        assert_eq!(in_order(few.clone()), whole(few));
+        assert_eq!(in_order(Vec::new()), whole(Vec::new()));
+    }
+}
