@@ -14,6 +14,9 @@ const NORMAL_95: f64 = 1.959_964;
 /// What two crystals may well differ by, ppm.
 const USUAL_PPM: f64 = 20.0;
 
+/// Stretches longer than this are not tried when no shorter one is free air, s.
+const MAX_VAIN_S: f64 = 15.0;
+
 /// What is known of the drift of the poses' clock against the wrench's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -76,7 +79,7 @@ fn late_free_air(recording: &Recording, until_s: f64, end_s: f64) -> Option<Alig
         while from_s > until_s {
             match free_air(recording, from_s, to_s).ok() {
                 Some(found) => best = found.alignment.or(best),
-                None if best.is_some() => break,
+                None if best.is_some() || to_s - from_s > MAX_VAIN_S => break,
                 None => {}
             }
             from_s -= 3.0;
