@@ -418,7 +418,7 @@ fn wait(time: std::time::Duration) {
 fn a_recording_of_another_joint_or_the_same_recording_confirms_nothing() {
     let folder = tempdir().unwrap();
     for (scenario, file) in [("drawer_light", "drawer.mcap"), ("wood_door", "door.mcap")] {
-        ft_tests::truth::record(scenario, 5, &folder.path().join(file));
+        let _ = ft_tests::truth::record(scenario, 5, &folder.path().join(file));
     }
     for (confirm, why) in [
         ("drawer.mcap", "it is the same recording"),
