@@ -88,6 +88,8 @@ pub struct Amt21 {
     /// Bytes of the answer so far, echo included.
     answer: [u8; REPLY_LEN + 1],
     answer_len: usize,
+    /// When bytes came last.
+    last_at: HostTime,
     refused: u64,
     skipped: u64,
 }
@@ -118,6 +120,7 @@ impl Amt21 {
             widths: Widths::new(config.linkage),
             answer: [0; REPLY_LEN + 1],
             answer_len: 0,
+            last_at: HostTime::EPOCH,
             refused: 0,
             skipped: 0,
         }
@@ -198,6 +201,22 @@ impl Device for Amt21 {
 
     fn handle_frame(&mut self, chunk: &Chunk, stamps: RxStamps) -> Result<(), DecodeError> {
         self.stages.on_traffic(stamps.arrival);
+        let len = chunk.as_slice().len();
+        if self.config.startup == Startup::Configure && self.answer_len + len > self.expected() {
+            // Which of these bytes are the answer nobody knows.
+            self.answer_len = 0;
+            return self.refuse(DecodeError::Length {
+                expected: self.expected(),
+                got: len,
+            });
+        }
+        if self.config.startup == Startup::Listen
+            && stamps.arrival.saturating_since(self.last_at) > self.config.period / 2
+        {
+            // No poll ends what is left of half an answer in a recording.
+            self.answer_len = 0;
+        }
+        self.last_at = stamps.arrival;
         let mut first_error = Ok(());
         for byte in chunk.as_slice() {
             first_error = first_error.and(self.on_byte(*byte, stamps.arrival));

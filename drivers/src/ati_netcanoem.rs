@@ -71,6 +71,9 @@ impl Default for Config {
     }
 }
 
+/// Counts per unit of force and torque of boards with a firmware before 3.7, which do not answer the question (hardware.md).
+const COUNTS_PER_UNIT_BEFORE_3_7: [f64; 2] = [1e6; 2];
+
 /// Gauges to SI, as far as it has been read.
 #[derive(Clone, Copy, Debug, Default)]
 struct Scale {
@@ -78,6 +81,8 @@ struct Scale {
     rows_read: usize,
     /// Parts of the row that is being read.
     parts: usize,
+    /// The rows as they were read the first time.
+    first: Option<[[f64; 6]; 6]>,
     counts_per_unit: Option<[f64; 2]>,
     si_per_unit: Option<[f64; 2]>,
 }
@@ -163,7 +168,9 @@ impl AtiNetcanoem {
         let checks = "check bit rate (the factory's is 250 kbit/s), base id, termination and power";
         Self {
             config,
-            stages: Stages::new(timing, None, checks).with_polling(polling),
+            stages: Stages::new(timing, None, checks)
+                .with_polling(polling)
+                .with_optional(Request::ReadCountsPerUnit),
             identity: Identity::default(),
             scale: Scale::default(),
             even: None,
@@ -249,9 +256,24 @@ impl AtiNetcanoem {
         }
         match u8::try_from(row + 1) {
             Ok(next @ ..=5) => self.stages.ask(Request::ReadMatrixRow(next), at),
-            _ => {
+            _ => self.on_matrix(at),
+        }
+    }
+
+    /// Reads the matrix twice: a row's answer that comes late, when it was asked again, would be taken for the next row's.
+    fn on_matrix(&mut self, at: HostTime) {
+        match self.scale.first.replace(self.scale.rows) {
+            None => {
+                self.scale.rows_read = 0;
+                self.stages.ask(Request::ReadMatrixRow(0), at);
+            }
+            Some(first) if first == self.scale.rows => {
                 self.stages.set_stop(None);
                 self.stages.begin_polling(at);
+            }
+            Some(_) => {
+                let reason = "the matrix is another one when it is read again: an answer came late or broken";
+                self.stages.lose(reason.to_owned(), at);
             }
         }
     }
@@ -289,13 +311,19 @@ impl AtiNetcanoem {
             },
             wrench: self.config.sign.apply(Wrench::from_array(wrench)),
             temperature_celsius: None,
-            quality: quality(status.has(!(over | Status::ANY)), status.has(over)),
+            // An error without a name is one, too.
+            quality: quality(
+                status.has(!(over | Status::ANY)) || (status.has(Status::ANY) && !status.has(over)),
+                status.has(over),
+            ),
             status_bits: status.0.into(),
         }));
     }
 
     fn warn_of(&mut self, status: Status, at: HostTime) {
-        let fresh = self.stages.fresh_bits((status.0 & !Status::ANY).into());
+        let named = status.0 & !Status::ANY;
+        let told = if named == 0 { status.0 } else { named };
+        let fresh = self.stages.fresh_bits(told.into());
         for bit in (0..16).filter(|bit| fresh & (1 << bit) != 0) {
             let text = format!("status {:#06x}: {}", status.0, Status::meaning(bit));
             self.stages.warn(text, at);
@@ -348,7 +376,11 @@ impl Device for AtiNetcanoem {
                     self.refuse();
                 }
             }
-            Due::Nothing | Due::Lost | Due::Unanswered(_) => {}
+            Due::Unanswered(_) => {
+                self.scale.counts_per_unit = Some(COUNTS_PER_UNIT_BEFORE_3_7);
+                self.stages.ask(Request::ReadUnits, now);
+            }
+            Due::Nothing | Due::Lost => {}
         }
         if !self.stages.is_streaming() {
             self.even = None;

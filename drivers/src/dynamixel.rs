@@ -33,6 +33,8 @@ use crate::reading::{Counts, DeviceEvent, Identity, Reading, SampleInstant, Widt
 
 /// Silence before the first question.
 const QUIET: Duration = Duration::from_millis(20);
+/// Bytes that nobody asked for may come for so long.
+const DRAIN_LIMIT: Duration = Duration::from_millis(500);
 /// How often a question is asked during set-up.
 const ATTEMPTS: u8 = 3;
 
@@ -78,7 +80,11 @@ enum Question {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     Idle,
-    Draining(HostTime),
+    /// Until it is quiet, or has not been for too long.
+    Draining {
+        quiet_at: HostTime,
+        give_up_at: HostTime,
+    },
     Asking {
         question: Question,
         attempt: u8,
@@ -138,7 +144,10 @@ impl Dynamixel {
         (self.streaming, self.unanswered, self.warned) = (false, 0, None);
         self.framer.clear();
         self.state = match self.config.startup {
-            Startup::Configure => State::Draining(now + QUIET),
+            Startup::Configure => State::Draining {
+                quiet_at: now + QUIET,
+                give_up_at: now + DRAIN_LIMIT,
+            },
             Startup::Listen => State::Listening,
         };
     }
@@ -321,8 +330,8 @@ impl Device for Dynamixel {
 
     fn handle_frame(&mut self, chunk: &Chunk, stamps: RxStamps) -> Result<(), DecodeError> {
         let mut first_error = Ok(());
-        if let State::Draining(until) = &mut self.state {
-            *until = stamps.arrival + QUIET;
+        if let State::Draining { quiet_at, .. } = &mut self.state {
+            *quiet_at = stamps.arrival + QUIET;
             return Ok(());
         }
         self.framer.push(chunk);
@@ -345,7 +354,15 @@ impl Device for Dynamixel {
         match self.state {
             State::Idle => self.start(now),
             State::Waiting(until) if now >= until => self.start(now),
-            State::Draining(until) if now >= until => self.ask(Question::Ping, 1, now),
+            State::Draining { quiet_at, .. } if now >= quiet_at => {
+                self.ask(Question::Ping, 1, now)
+            }
+            State::Draining { give_up_at, .. } if now >= give_up_at => self.lose(
+                format!(
+                    "bytes came for {DRAIN_LIMIT:?} although nothing was asked: another device is on this port, or the bit rate is wrong"
+                ),
+                now,
+            ),
             State::Asking {
                 question,
                 attempt,
@@ -377,7 +394,11 @@ impl Device for Dynamixel {
     fn poll_timeout(&self) -> Option<HostTime> {
         match self.state {
             State::Idle => Some(HostTime::EPOCH),
-            State::Draining(at) | State::Waiting(at) => Some(at),
+            State::Draining {
+                quiet_at,
+                give_up_at,
+            } => Some(quiet_at.min(give_up_at)),
+            State::Waiting(at) => Some(at),
             State::Asking { deadline, .. } | State::Reading { deadline, .. } => Some(deadline),
             State::Pausing { next } => Some(next),
             State::Listening => None,

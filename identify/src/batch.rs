@@ -184,12 +184,20 @@ pub fn run(
     Ok(rows)
 }
 
+/// Writes a file that is there as a whole, the old or the new one, whenever this is broken off.
+fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    std::fs::write(&partial, text)?;
+    std::fs::rename(&partial, path)
+}
+
 /// `summary.csv` and `summary.json` in `output`.
 fn write_table(output: &Path, rows: &[BatchRow]) -> Result<(), IdentifyError> {
     let write = |name: &str, text: String| {
         let path = output.join(name);
         std::fs::create_dir_all(output)
-            .and_then(|()| std::fs::write(&path, text))
+            .and_then(|()| replace(&path, &text))
             .map_err(|source| IdentifyError::Write { path, source })
     };
     write("summary.csv", csv(rows))?;
@@ -298,11 +306,8 @@ fn one(directory: &Path, file: &Path, output: &Path, options: &BatchOptions) -> 
         Err(_) => BatchRow::failed(name, key, "the identification broke off (panic)".to_owned()),
     };
     // A note that cannot be written costs a repetition, no more.
-    let _ = std::fs::create_dir_all(&folder).and_then(|()| {
-        let partial = folder.join("batch.json.partial");
-        std::fs::write(&partial, serde_json::to_string(&row).unwrap_or_default())?;
-        std::fs::rename(&partial, &note)
-    });
+    let _ = std::fs::create_dir_all(&folder)
+        .and_then(|()| replace(&note, &serde_json::to_string(&row).unwrap_or_default()));
     (row, false)
 }
 

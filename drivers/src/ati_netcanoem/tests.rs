@@ -49,13 +49,84 @@ fn set_up(bench: &mut Bench<AtiNetcanoem>) {
     expect(bench, Request::ReadUnits);
     // lbf, N mm.
     bench.frame(&reply(8, &[1, 4])).unwrap();
-    for axis in 0..6 {
+    matrix(bench);
+    expect(bench, Request::ReadGauges);
+}
+
+/// Answers what is asked of the matrix, twice.
+fn matrix(bench: &mut Bench<AtiNetcanoem>) {
+    for axis in (0..6).chain(0..6) {
         expect(bench, Request::ReadMatrixRow(axis));
         for frame in row(axis) {
             bench.frame(&frame).unwrap();
         }
     }
-    expect(bench, Request::ReadGauges);
+}
+
+/// Answers all up to the counts per unit, which are asked then.
+fn before_counts(bench: &mut Bench<AtiNetcanoem>) {
+    expect(bench, Request::ReadFirmware);
+    bench.frame(&reply(0xF, &[3, 6, 0, 7])).unwrap();
+    expect(bench, Request::ReadSerialNumber);
+    bench.frame(&reply(5, b"FT012345")).unwrap();
+    expect(bench, Request::SetCalibration(0));
+    bench.frame(&reply(6, &[0])).unwrap();
+}
+
+#[test]
+fn an_old_firmware_that_knows_no_counts_per_unit_has_a_million() {
+    let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
+    before_counts(&mut bench);
+    for _ in 0..3 {
+        expect(&mut bench, Request::ReadCountsPerUnit);
+    }
+    expect(&mut bench, Request::ReadUnits);
+    // N, N m.
+    bench.frame(&reply(8, &[2, 3])).unwrap();
+    matrix(&mut bench);
+    expect(&mut bench, Request::ReadGauges);
+    answer(&mut bench, 0);
+    let force_x = bench.wrenches()[0].wrench.to_array()[0];
+    let product: f32 = (0..6).map(|k| element(0, k) * f32::from(k + 1)).sum();
+    assert!(
+        (force_x - f64::from(product) * 1e-6).abs() < 1e-12,
+        "{force_x}"
+    );
+}
+
+#[test]
+fn a_late_answer_does_not_shift_the_matrix() {
+    let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
+    before_counts(&mut bench);
+    expect(&mut bench, Request::ReadCountsPerUnit);
+    let counts = [100_u32, 1_000].map(u32::to_be_bytes).concat();
+    bench.frame(&reply(7, &counts)).unwrap();
+    expect(&mut bench, Request::ReadUnits);
+    bench.frame(&reply(8, &[1, 4])).unwrap();
+    // Row 0 is asked twice before its first answer comes; each answer is one question late from then on.
+    expect(&mut bench, Request::ReadMatrixRow(0));
+    expect(&mut bench, Request::ReadMatrixRow(0));
+    let answers = [0].into_iter().chain((0..6).chain(0..6));
+    for axis in answers.take(12) {
+        for frame in row(axis) {
+            bench.frame(&frame).unwrap();
+        }
+        bench.sent.clear();
+        bench.advance_ms(1);
+        bench.sent.clear();
+    }
+    let events = bench.events();
+    let lost = |event: &DeviceEvent| matches!(event, DeviceEvent::Lost { reason } if reason.contains("matrix"));
+    assert!(events.iter().any(lost), "{events:?}");
+}
+
+#[test]
+fn an_error_without_a_name_is_no_good_sample() {
+    let mut bench = polling();
+    answer(&mut bench, Status::ANY);
+    assert_eq!(bench.wrenches()[0].quality, Quality::Invalid);
+    let warned = |event: &DeviceEvent| matches!(event, DeviceEvent::Warning { .. });
+    assert!(bench.events().iter().any(warned));
 }
 
 fn polling() -> Bench<AtiNetcanoem> {

@@ -304,3 +304,17 @@ fn the_width_rate_is_the_slope_of_the_width() {
         );
     }
 }
+
+#[test]
+fn a_port_where_something_streams_is_given_up_and_told() {
+    let mut bench = bench();
+    bench.advance_ms(1);
+    for _ in 0..100 {
+        bench.bytes(&[0x55; 8]).unwrap();
+        bench.advance_ms(10);
+    }
+    assert!(bench.take_sent().is_empty());
+    let events = bench.events();
+    let told = |event: &DeviceEvent| matches!(event, DeviceEvent::Lost { reason } if reason.contains("another device"));
+    assert!(events.iter().any(told), "{events:?}");
+}
