@@ -29,8 +29,7 @@ pub struct Config {
     pub sensor: robotous::Config,
     /// CAN ids. Default 0x64 to the sensor, 0x01 and 0x02 from it.
     pub ids: CanIds,
-    /// Longest time between the stamps of the halves of a response. Default 5 ms; on the wire it is 0.13 ms. Of samples never more than
-    /// their period, or the halves of two would join when those between are lost.
+    /// Longest time between the stamps of the halves of a response. Default 5 ms; on the wire it is 0.13 ms.
     pub pairing_timeout: Duration,
 }
 
@@ -68,17 +67,6 @@ impl RobotousCan {
         }
     }
 
-    /// Whether the halves can be of one response.
-    fn belongs(&self, first: HostTime, second: HostTime) -> bool {
-        let period = Duration::from_secs(1) / u32::from(self.config.sensor.rate_hz.max(1));
-        let longest = if self.protocol.is_streaming() {
-            self.config.pairing_timeout.min(period)
-        } else {
-            self.config.pairing_timeout
-        };
-        second.saturating_since(first) <= longest
-    }
-
     /// Counts a frame that is lost to us, once samples flow.
     fn refuse(&mut self) {
         self.refused += u64::from(self.protocol.is_streaming());
@@ -90,7 +78,9 @@ impl RobotousCan {
             Some((before, _)) if before == data => {
                 self.skipped += u64::from(self.protocol.is_streaming());
             }
-            Some((_, before_at)) if self.belongs(before_at, at) => {
+            Some((_, before_at))
+                if at.saturating_since(before_at) <= self.config.pairing_timeout =>
+            {
                 self.first = None;
                 self.refuse();
                 self.refuse();
@@ -108,7 +98,7 @@ impl RobotousCan {
             self.skipped += u64::from(self.protocol.is_streaming());
             return Ok(());
         };
-        if !self.belongs(first_at, at) {
+        if at.saturating_since(first_at) > self.config.pairing_timeout {
             self.refuse();
             self.skipped += u64::from(self.protocol.is_streaming());
             return Ok(());

@@ -455,22 +455,3 @@ fn a_stream_that_falls_silent_is_lost_after_500_ms() {
     assert_eq!(bench.sent, []);
     expect(&mut bench, Command::Stop);
 }
-
-#[test]
-fn halves_of_samples_one_period_apart_do_not_join_either() {
-    // At 1 kHz.
-    let mut bench = listening();
-    respond(&mut bench, Response::Stream(RECORD));
-    let other = Record {
-        force: [1, 1, 1],
-        torque: [1, 1, 1],
-        overload: 0,
-    };
-    let [first, _] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
-    let [_, second] = wire::response_frames(CanIds::default(), &Response::Stream(other));
-    bench.frame(&first).unwrap();
-    bench.now = bench.now + Duration::from_micros(1_130);
-    bench.frame(&second).unwrap();
-    assert_eq!(bench.wrenches().len(), 1);
-    assert_eq!(bench.device.counts().refused, 1);
-}
