@@ -303,6 +303,38 @@ mod tests {
     }
 
     #[test]
+    fn a_byte_too_many_is_no_answer() {
+        let mut bench = polled();
+        expect_poll(&mut bench);
+        // Noise, then 192: its first two bytes have right check bits, too.
+        let refused = bench.bytes(&[0x00, 0xC0, 0x00]);
+        assert!(refused.is_err());
+        assert_eq!(bench.widths().len(), 1);
+        expect_poll(&mut bench);
+        bench.bytes(&wire::encode_position(1_000)).unwrap();
+        assert_eq!((bench.widths().len(), counts(&bench)[2]), (2, 1));
+    }
+
+    #[test]
+    fn half_an_answer_in_a_recording_shifts_no_other() {
+        let mut bench = Bench::new(Amt21::new(Config {
+            linkage: RACK,
+            zero_counts: 1_000,
+            startup: Startup::Listen,
+            ..Config::default()
+        }));
+        bench.advance_ms(1);
+        bench.bytes(&wire::encode_position(1_000)[..1]).unwrap();
+        for _ in 0..20 {
+            bench.advance_ms(20);
+            bench.bytes(&wire::encode_position(1_000)).unwrap();
+        }
+        let widths = bench.widths();
+        assert_eq!(widths.len(), 20);
+        assert!(widths.iter().all(|width| width.counts == 1_000));
+    }
+
+    #[test]
     fn polls_end_in_widths_and_their_rate() {
         let mut bench = polled();
         expect_poll(&mut bench);
