@@ -37,12 +37,7 @@ fn expect(bench: &mut Bench<AtiNetcanoem>, request: Request) {
 }
 
 fn set_up(bench: &mut Bench<AtiNetcanoem>) {
-    expect(bench, Request::ReadFirmware);
-    bench.frame(&reply(0xF, &[3, 8, 0, 7])).unwrap();
-    expect(bench, Request::ReadSerialNumber);
-    bench.frame(&reply(5, b"FT012345")).unwrap();
-    expect(bench, Request::SetCalibration(0));
-    bench.frame(&reply(6, &[0])).unwrap();
+    before_counts(bench, 8);
     expect(bench, Request::ReadCountsPerUnit);
     let counts = [100_u32, 1_000].map(u32::to_be_bytes).concat();
     bench.frame(&reply(7, &counts)).unwrap();
@@ -63,10 +58,10 @@ fn matrix(bench: &mut Bench<AtiNetcanoem>) {
     }
 }
 
-/// Answers all up to the counts per unit, which are asked then.
-fn before_counts(bench: &mut Bench<AtiNetcanoem>) {
+/// Answers, as firmware 3 of this minor version, all up to the counts per unit, which are asked then.
+fn before_counts(bench: &mut Bench<AtiNetcanoem>, minor: u8) {
     expect(bench, Request::ReadFirmware);
-    bench.frame(&reply(0xF, &[3, 6, 0, 7])).unwrap();
+    bench.frame(&reply(0xF, &[3, minor, 0, 7])).unwrap();
     expect(bench, Request::ReadSerialNumber);
     bench.frame(&reply(5, b"FT012345")).unwrap();
     expect(bench, Request::SetCalibration(0));
@@ -76,7 +71,7 @@ fn before_counts(bench: &mut Bench<AtiNetcanoem>) {
 #[test]
 fn an_old_firmware_that_knows_no_counts_per_unit_has_a_million() {
     let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
-    before_counts(&mut bench);
+    before_counts(&mut bench, 6);
     for _ in 0..3 {
         expect(&mut bench, Request::ReadCountsPerUnit);
     }
@@ -97,7 +92,7 @@ fn an_old_firmware_that_knows_no_counts_per_unit_has_a_million() {
 #[test]
 fn a_late_answer_does_not_shift_the_matrix() {
     let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
-    before_counts(&mut bench);
+    before_counts(&mut bench, 8);
     expect(&mut bench, Request::ReadCountsPerUnit);
     let counts = [100_u32, 1_000].map(u32::to_be_bytes).concat();
     bench.frame(&reply(7, &counts)).unwrap();

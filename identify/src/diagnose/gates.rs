@@ -135,12 +135,14 @@ impl State {
                 seen.mse.sqrt()
             ));
         }
-        let local = (self.share_touched(entry) / LOCAL).sqrt();
-        let least = LEAST_SIZE * local.clamp(LEAST_OF_LOCAL, 1.0);
-        if size < least * floor {
-            return Some(format!(
-                "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
-            ));
+        if size < LEAST_SIZE * floor {
+            let local = (self.share_touched(entry) / LOCAL).sqrt();
+            let least = LEAST_SIZE * local.clamp(LEAST_OF_LOCAL, 1.0);
+            if size < least * floor {
+                return Some(format!(
+                    "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
+                ));
+            }
         }
         if entry.helps < LEAST_HELPED {
             return Some(format!(
