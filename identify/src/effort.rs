@@ -178,6 +178,7 @@ pub fn joint_effort(
             tool: own,
             tool_inertia: payload.map_or(0.0, |payload| tool_inertia(tool, &index, payload, &axis)),
             lean: lean(&axis, tool_position, joint.direction_std),
+            lies: axis.kind == JointKind::Revolute && off_upright(&axis) > MOST_LEAN,
             change: None,
         },
     };
@@ -203,8 +204,7 @@ fn tool_inertia(tool: &ToolSamples, index: &[usize], payload: &Payload, axis: &S
 
 /// How far an upright hinge leans; nothing when it may as well be upright.
 fn lean(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<Lean> {
-    let up = axis.direction.into_inner();
-    let angle = up.xy().norm().atan2(up.z.abs());
+    let (up, angle) = (axis.direction.into_inner(), off_upright(axis));
     let sure = angle > LEAST_LEAN && angle > 5.0 * std && angle < MOST_LEAN;
     if axis.kind != JointKind::Revolute || !sure {
         return None;
@@ -216,6 +216,11 @@ fn lean(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<Lean>
         angle,
         lowest: (-up.cross(&arm).z).atan2(-arm.z),
     })
+}
+
+/// Angle between an axis and the vertical, rad.
+fn off_upright(axis: &ScrewAxis) -> f64 {
+    axis.direction.xy().norm().atan2(axis.direction.z.abs())
 }
 
 /// Hinges are hung as upright as that, and trackers know what is up; beyond the other, weight is no small thing, rad.

@@ -119,6 +119,8 @@ pub struct Motion {
     pub across: Vec<Vec<f64>>,
     /// As [`crate::samples::Aside`] has it, kg m^2 or kg.
     pub tool_inertia: f64,
+    /// As [`crate::samples::Aside`] has it.
+    pub lies: bool,
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
     /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
@@ -204,6 +206,7 @@ impl Motion {
             noise_of_q: work.noise,
             across: work.across,
             tool_inertia: samples.aside.tool_inertia,
+            lies: samples.aside.lies,
             slides: Vec::new(),
             kept: Vec::new(),
             gated: BTreeMap::new(),

@@ -333,6 +333,13 @@ impl Report {
         };
         (self.effects, self.refused) = effects::entries(analysis);
         self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
+        for beyond in analysis.confirmed.iter().filter(|c| c.share < 1.0) {
+            self.notes.push(format!(
+                "errors on {} are those of {:.1} % of its samples: the others are at places or speeds that this recording has not probed",
+                beyond.file,
+                100.0 * beyond.share
+            ));
+        }
         self.mechanism = summary_of(full, analysis.left_to_mechanism);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;

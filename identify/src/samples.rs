@@ -40,6 +40,8 @@ pub struct Aside {
     pub tool_inertia: f64,
     /// How far the axis of a hinge leans from upright, when that is sure.
     pub lean: Option<Lean>,
+    /// Whether the axis of a hinge is seen to be far from upright, so that the part's weight acts about it.
+    pub lies: bool,
     /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.
     pub change: Option<Change>,
 }

@@ -301,6 +301,74 @@ fn an_effect_of_both_recordings_is_confirmed_and_one_of_the_first_alone_is_refus
     );
 }
 
+/// A drawer's samples as those of a hinge that turns three times as far, rad, and about which weight acts.
+fn lying(mut samples: JointSamples) -> JointSamples {
+    samples.kind = JointKind::Revolute;
+    samples.q.iter_mut().for_each(|q| *q *= 3.0);
+    samples.tau.iter_mut().for_each(|tau| *tau /= 3.0);
+    samples.aside.lies = true;
+    samples
+}
+
+#[test]
+fn a_weight_the_strut_that_holds_it_and_a_magnet_are_found_apart() {
+    const CLOSED: f64 = 0.09;
+    let hinge = |_: f64, way: f64, _: f64, _: f64| {
+        let q = 3.0 * way;
+        let weight = -18.0 * (q + 0.1).sin();
+        // Pivots 0.25 and 0.06 m from the hinge, a spring of 2.3 N/mm that is 0.14 m long.
+        let pivots = |q: f64| {
+            let (sin, cos) = (q + 0.05).sin_cos();
+            f64::hypot(0.25 - 0.06 * cos, 0.06 * sin)
+        };
+        let lever = (pivots(q + 1e-5) - pivots(q - 1e-5)) / 2e-5;
+        let strut = 2300.0 * (pivots(q) - 0.14) * lever;
+        let magnet = 3.0 / (1.0 + (q - CLOSED).max(0.0) / 0.06).powi(2);
+        3.0 * (weight + strut + magnet)
+    };
+    let found = look(&lying(Drawer::with(hinge).record(60.0, 5)));
+    let mut all = names(&found);
+    all.sort_unstable();
+    assert_eq!(all, ["catch", "gravity", "spring"], "{}", told(&found));
+    assert!(
+        found.model.held_out_rms < 1.15 * found.floor.rms,
+        "{}",
+        told(&found)
+    );
+    let magnet = found.found().into_iter().find(|f| f.kind.name == "catch");
+    let shape = magnet.unwrap().shape;
+    assert!((shape[1] / 0.06 - 1.0).abs() < 0.25, "{shape:?}");
+}
+
+#[test]
+fn what_the_first_recording_never_probed_refutes_nothing() {
+    // Beyond 0.5 m/s a valve shuts; the first recording is slower all along.
+    let notched = || {
+        Drawer::with(|_, q, dq, _| {
+            let x: f64 = (q - 0.3) / 0.03;
+            let notch = if x.abs() < 1.0 {
+                5.0 * (PI * x).sin()
+            } else {
+                0.0
+            };
+            notch + 300.0 * (dq.abs() - 0.5).max(0.0) * dq.signum()
+        })
+    };
+    let fastest = |samples: &JointSamples| {
+        let steps = samples.q.windows(50).map(|w| (w[49] - w[0]).abs());
+        steps.fold(0.0, f64::max) * RATE / 49.0
+    };
+    let (slow, fast) = (notched().record(15.0, 31), notched().record(60.0, 32));
+    assert!(fastest(&slow) < 0.5 && fastest(&fast) > 0.6);
+    let mut found = look(&slow);
+    let others = [("b.csv".to_owned(), fast)];
+    let confirmed = confirm(&mut found, &others, &MotionSettings::default()).unwrap();
+    assert_eq!(names(&found), ["detent"], "{}", told(&found));
+    let there = &confirmed[0];
+    assert!((0.5..0.99).contains(&there.share), "{there:?}");
+    assert!(there.relative_error < 0.1, "{there:?}");
+}
+
 #[test]
 fn a_mechanism_that_the_library_has_no_name_for_stays_unexplained() {
     use ft_identify::analysis::{Verdict, analyse};

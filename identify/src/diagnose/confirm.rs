@@ -11,7 +11,7 @@ use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, kind};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
-use crate::samples::JointSamples;
+use crate::samples::{JointSamples, extrema};
 
 /// Errors on a confirming recording.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +22,8 @@ pub struct Confirmation {
     pub rms: Vec<[f64; 2]>,
     /// Residual over effort of the model with all effects.
     pub relative_error: f64,
+    /// Share of its samples that these errors are over: those at places and speeds that the first recording has probed, too.
+    pub share: f64,
 }
 
 /// An effect must bring this share of what its own size promises.
@@ -44,6 +46,10 @@ pub fn confirm(
         grounds.push((file, samples, ground));
     }
     let lags = confirm_lag(diagnosis, &mut grounds, settings)?;
+    let mut shares = Vec::new();
+    for (_, _, ground) in &mut grounds {
+        shares.push(leave_probed(ground, &diagnosis.motion)?);
+    }
     let mut at = 0;
     let mut datums: Vec<f64> = Vec::new();
     for (_, _, ground) in &grounds {
@@ -96,7 +102,8 @@ pub fn confirm(
                 continue;
             }
             if diagnosis.effects[count].found.taken_out() {
-                let left_in = with_change(samples, settings)?;
+                let mut left_in = with_change(samples, settings)?;
+                leave_probed(&mut left_in, &diagnosis.motion)?;
                 pairs.push([
                     error_on(diagnosis, &all, &left_in, datum)?.0,
                     error_on(diagnosis, &all, ground, datum)?.0,
@@ -114,10 +121,37 @@ pub fn confirm(
             file: (*file).clone(),
             rms: pairs,
             relative_error: last / rms(&ground.y).max(f64::MIN_POSITIVE),
+            share: shares.get(number).copied().unwrap_or(1.0),
         });
     }
     Ok(out)
 }
+
+/// Leaves those samples of a confirming recording at whose place and speed the first one has been, and returns their share: what a
+/// valve does at speeds that were never probed no fit can know. All of them where too few are left.
+fn leave_probed(ground: &mut Ground, probed: &Motion) -> Result<f64, DynamicsError> {
+    let [q, dq] = [&probed.q, &probed.dq].map(|series| {
+        let (low, high) = extrema(&probed.at_kept(series));
+        let beyond = BEYOND * (high - low);
+        low - beyond..=high + beyond
+    });
+    let there = &ground.motion;
+    let inside = |i: &usize| q.contains(&there.q[*i]) && dq.contains(&there.dq[*i]);
+    let kept: Vec<usize> = there.kept.iter().copied().filter(inside).collect();
+    let share = kept.len() as f64 / there.kept.len().max(1) as f64;
+    if share == 1.0 || share < LEAST_PROBED {
+        return Ok(1.0);
+    }
+    let mut motion = there.clone();
+    motion.kept = kept;
+    *ground = Ground::of(motion)?;
+    Ok(share)
+}
+
+/// Beyond what was probed by so much of its range counts as probed.
+const BEYOND: f64 = 0.02;
+/// Less than this share of a recording cannot stand for it.
+const LEAST_PROBED: f64 = 0.5;
 
 fn with_change(samples: &JointSamples, settings: &MotionSettings) -> Result<Ground, DynamicsError> {
     let samples = samples.with_change_left_in();

@@ -30,6 +30,7 @@ const CONTAIN: [(&str, &str); 7] = [
 
 impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
+        self.reform()?;
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
         if self.fit()?.held_out_rms > 1.02 * before {
@@ -201,7 +202,8 @@ impl State {
             .map(|entry| ambiguity(entry.kind))
             .collect();
         for hidden in self.hidden_in(i)? {
-            if alike.iter().all(|a| a.name != hidden.name) {
+            let contains = CONTAIN.contains(&(hidden.name, name));
+            if !contains && alike.iter().all(|a| a.name != hidden.name) {
                 alike.push(ambiguity(hidden));
             }
         }

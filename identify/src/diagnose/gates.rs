@@ -1,6 +1,6 @@
 //! Which candidate is taken, and why others are not.
 
-use super::model::{Found, is_smooth_load};
+use super::model::{Found, is_load, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
 use crate::effect::library::Kind;
@@ -61,10 +61,43 @@ impl State {
                 .retain(|old| !turned_down.iter().any(|new| new.name == old.name));
             self.refused.extend(turned_down);
         }
+        let choice = choice.map(|entry| self.before_places(&entry, seen).unwrap_or(entry));
         choice.map(|entry| {
             let p_value = p_value(&entry, seen);
             (entry, p_value)
         })
+    }
+
+    /// The weight about an axis that lies: it is there whatever else is, and a strut alone would do for both at first.
+    pub(super) fn weight_of_what_lies(&self, seen: &Look) -> Option<(Ranked, f64)> {
+        let gravity = |entry: &&Ranked| self.is_sure(entry.kind);
+        let entry = seen.ranked.iter().find(gravity)?;
+        let passes = self.why_not(entry, seen).is_none();
+        passes.then(|| (entry.clone(), p_value(entry, seen)))
+    }
+
+    /// A load over the whole range that a joint which lies shows before one that sits at a place: beside a weight that no strut
+    /// holds yet, a far-reaching magnet or a wide notch would do for a strut.
+    fn before_places(&self, choice: &Ranked, seen: &Look) -> Option<Ranked> {
+        let smooth = |entry: &&Ranked| {
+            self.comes_first(entry.kind, choice.kind)
+                && entry.score > RIVAL_SCORE * choice.score
+                && self.why_not(entry, seen).is_none()
+        };
+        seen.ranked.iter().find(smooth).cloned()
+    }
+
+    /// Whether `first` comes before `second`, whichever explains more.
+    fn comes_first(&self, first: &Kind, second: &Kind) -> bool {
+        self.samples.aside.lies
+            && is_smooth_load(first)
+            && is_load(second)
+            && !is_smooth_load(second)
+    }
+
+    /// Whether the axis says that an effect is there.
+    pub(super) fn is_sure(&self, kind: &Kind) -> bool {
+        self.samples.aside.lies && kind.name == "gravity"
     }
 
     /// Other candidates that pass every gate and have a good part of the choice's evidence, the best first, with what chance
@@ -73,6 +106,7 @@ impl State {
         let other = |entry: &&Ranked| {
             entry.kind.name != choice.kind.name
                 && entry.kind.name != "time_lag"
+                && !self.comes_first(choice.kind, entry.kind)
                 && entry.score > RIVAL_SCORE * choice.score
                 && self.why_not(entry, seen).is_none()
         };

@@ -1,7 +1,7 @@
 //! The loop.
 
 use super::gates::limit;
-use super::model::{Candidate, Found, Ground, bank, blocks, is_smooth_load, slopes_of};
+use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
@@ -71,6 +71,8 @@ pub struct Diagnosis {
 
 /// A rival takes the place of the best candidate when its whole model errs so much less.
 const RIVAL_BELOW: f64 = 0.95;
+/// A named load does as well as a curve when the whole model errs no more than so many times as much.
+const AS_WELL: f64 = 1.05;
 const REPLICATES: usize = 40;
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
@@ -215,11 +217,11 @@ impl State {
         let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
             return Ok(false);
         };
-        let choice = self.choose(&seen);
-        let best = choice.as_ref().map(|(choice, _)| choice);
-        let a_load_is_left = self.a_load_is_left(&seen);
-        let best = best.map_or(0.0, |choice| choice.score);
-        if !a_load_is_left && self.curved(&x, best, &seen)? {
+        let choice = match self.weight_of_what_lies(&seen) {
+            Some(weight) => Some(weight),
+            None => self.choose(&seen),
+        };
+        if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
             return Ok(true);
         }
         let Some((choice, p_value)) = choice else {
@@ -265,8 +267,15 @@ impl State {
     }
 
     /// Puts a smooth load beside the model when a load of the library is there, no further one helps, and it explains more than the
-    /// best effect does: a strut beside a weight. The search goes on beside it, and what it takes up has no name.
-    fn curved(&mut self, x: &[Vec<f64>], best: f64, seen: &Look) -> Result<bool, DynamicsError> {
+    /// best effect does. The search goes on beside it, and what it takes up has no name. A magnet or a notch comes first when the
+    /// shapes of the loads beside it, found without it, then do as well.
+    fn curved(
+        &mut self,
+        x: &[Vec<f64>],
+        choice: Option<&(Ranked, f64)>,
+        seen: &Look,
+    ) -> Result<bool, DynamicsError> {
+        let before = self.effects.len();
         let is_there = |found: &Found| is_smooth_load(found.kind) || found.kind.name == "catch";
         let loaded = self.effects.iter().any(|(found, _)| is_there(found));
         let left = seen.mse.sqrt() > EXPLAINED_BELOW * self.floor.rms;
@@ -283,11 +292,21 @@ impl State {
         let independent = problem.independent();
         let price = 0.5 * curve.len() as f64 * independent.ln();
         let score = 0.5 * independent * (seen.mse / with.mse).ln() - price;
+        let best = choice.map_or(0.0, |(choice, _)| choice.score);
         if score <= best.max(limit(&seen.chance)) {
             return Ok(false);
         }
-        self.ground.curve = curve;
-        self.given_up.clear();
+        let as_was = self.effects.clone();
+        if let Some((choice, p_value)) = choice.filter(|(choice, _)| is_load(choice.kind)) {
+            self.add_best(choice, *p_value, seen)?;
+            if self.error()? > AS_WELL * with.mse.sqrt() {
+                self.effects = as_was;
+            }
+        }
+        if self.effects.len() == before {
+            self.ground.curve = curve;
+            self.given_up.clear();
+        }
         self.swap()?;
         self.prune()?;
         Ok(true)

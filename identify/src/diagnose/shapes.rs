@@ -7,7 +7,7 @@ use super::model::{Found, Ground, signs_hold};
 use super::score::solve;
 use crate::effect::library::Search;
 
-const ITERATIONS: usize = 12;
+const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
 const ENOUGH: f64 = 1e-4;
 
@@ -33,7 +33,7 @@ impl Free {
     ) -> Option<Self> {
         let range = ground.scope().range();
         let (by_factor, unit, limits) = match search {
-            Search::Fixed => return None,
+            Search::Fixed | Search::Form => return None,
             Search::Way(share) => (false, range, [start - share * range, start + share * range]),
             Search::Seconds(s) => (false, s, [start - s, start + s]),
             Search::Factor(f) => (true, 1.0, [start / (f * f), start * f * f]),

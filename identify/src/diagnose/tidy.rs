@@ -10,6 +10,9 @@ use crate::dynamics::DynamicsError;
 use crate::effect::library::{Search, kind};
 use crate::least_squares::rms;
 
+/// Another form must err so much less.
+const REFORMED_BELOW: f64 = 0.995;
+
 impl State {
     /// Shapes of all effects once more, together.
     pub(super) fn refine_all(&mut self) -> Result<(), DynamicsError> {
@@ -132,6 +135,24 @@ impl State {
         Ok(())
     }
 
+    /// Tries the other form of what has two: the first was chosen while other effects were missing.
+    pub(super) fn reform(&mut self) -> Result<(), DynamicsError> {
+        for i in 0..self.effects.len() {
+            let mut shape = self.effects[i].0.kind.shape.iter();
+            let Some(form) = shape.position(|s| s.2 == Search::Form) else {
+                continue;
+            };
+            let (as_was, before) = (self.effects.clone(), self.error()?);
+            let shape = &mut self.effects[i].0.shape;
+            shape[form] = 1.0 - shape[form];
+            self.polish()?;
+            if self.error()? > REFORMED_BELOW * before {
+                self.effects = as_was;
+            }
+        }
+        Ok(())
+    }
+
     fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
         Some(self.beside(problem, found)?.mse)
     }
@@ -180,6 +201,9 @@ impl State {
     /// Replaces effects where others now do better in their places.
     pub(super) fn swap(&mut self) -> Result<(), DynamicsError> {
         for i in 0..self.effects.len().saturating_sub(1) {
+            if self.is_sure(self.effects[i].0.kind) {
+                continue;
+            }
             let (seen, own) = self.in_place_of(i)?;
             let Some(seen) = seen else { continue };
             let here = self.effects[i].0.kind.name;

@@ -99,6 +99,8 @@ impl Unit {
 pub enum Search {
     /// Not at all: a choice.
     Fixed,
+    /// One of two forms, 0 or 1: the other one is tried once everything else is found.
+    Form,
     /// Within so much of the coordinate's range, either way.
     Way(f64),
     /// Within this factor, either way.
@@ -152,8 +154,8 @@ impl Kind {
     /// Number of free numbers: terms, and shapes that are refined.
     #[must_use]
     pub fn freedom(&self) -> usize {
-        let shapes = self.shape.iter().filter(|s| s.2 != Search::Fixed).count();
-        self.terms.len() + shapes
+        let chosen = |s: &&Shape| matches!(s.2, Search::Fixed | Search::Form);
+        self.terms.len() + self.shape.len() - self.shape.iter().filter(chosen).count()
     }
 
     /// The same when some terms are left out; a relief that no term asks for is none.
@@ -239,9 +241,10 @@ impl<'a> Scope<'a> {
 }
 
 /// All effects, simple ones before those that contain them.
-pub const LIBRARY: [&Kind; 23] = [
+pub const LIBRARY: [&Kind; 24] = [
     &load::CONSTANT_LOAD,
     &load::SPRING,
+    &load::STRUT,
     &load::GRAVITY,
     &load::DETENT,
     &load::CATCH,
@@ -265,10 +268,17 @@ pub const LIBRARY: [&Kind; 23] = [
     &slip::SLIP,
 ];
 
-/// The effect of that name.
+/// The effect of that name; of several forms the simplest.
 #[must_use]
 pub fn kind(name: &str) -> Option<&'static Kind> {
     LIBRARY.into_iter().find(|kind| kind.name == name)
+}
+
+/// The form of the effect of that name which has so many shape parameters.
+#[must_use]
+pub fn form(name: &str, shapes: usize) -> Option<&'static Kind> {
+    let fits = |kind: &&Kind| kind.name == name && kind.shape.len() == shapes;
+    LIBRARY.into_iter().find(fits)
 }
 
 /// Values from `low` to `high` in equal steps or, with [`geometric`], in equal factors.

@@ -35,6 +35,53 @@ pub const SPRING: Kind = Kind {
     separate: "slow strokes over the whole range",
 };
 
+/// A strut's share of the distance between its pivots on the frame and on the part, and what the angle between them is where q is 0.
+fn strut(shape: &[f64], q: f64) -> [f64; 2] {
+    let (ratio, (sin, cos)) = (shape[1], (q + shape[0]).sin_cos());
+    let length = (1.0 + ratio * (ratio - 2.0 * cos)).max(1e-12).sqrt();
+    [sin, ratio * sin / length]
+}
+
+/// `tau = stiffness sin p + pull ratio sin p / sqrt(1 + ratio^2 - 2 ratio cos p)`, `p = q + angle`, `stiffness >= 0`: a spring or gas
+/// spring between a pivot on the frame and one on the part, `ratio` times as far from the hinge. With the distance R of the first
+/// and a spring of k N/m that is F N strong at no length, `stiffness = k R^2 ratio` and `pull = F R`; a gas spring pushes, so that
+/// its pull is negative, and has hardly a stiffness. Hinges about which weight acts, against which such springs are fitted; the hinge
+/// and the two pivots do not come into one line on the way, where it would snap over.
+pub const STRUT: Kind = Kind {
+    name: SPRING.name,
+    belongs: Belongs::Object,
+    terms: &[
+        ("stiffness", Unit::Stiffness, NonNegative),
+        ("pull", Unit::Effort, Free),
+    ],
+    shape: &[
+        ("angle", Unit::Position, Search::Way(0.12)),
+        ("ratio", Unit::One, Search::Factor(1.5)),
+    ],
+    variable: Variable::Q,
+    grid: |scope| {
+        let [low, high] = scope.q;
+        if !scope.motion.lies || !(0.3..0.9 * PI).contains(&scope.range()) {
+            return vec![];
+        }
+        let mut out = Vec::new();
+        for ratio in [0.15, 0.25, 0.4, 0.6, 0.8] {
+            for first in even(0.0, PI - scope.range(), 6) {
+                // Both ways round: the length grows as the joint opens, or it shrinks.
+                out.push(vec![first - low, ratio]);
+                out.push(vec![-first - high, ratio]);
+            }
+        }
+        out
+    },
+    series: |scope, shape| {
+        let both = |k: usize| scope.by_state(|q, _, _| strut(shape, q)[k]);
+        vec![both(0), both(1)]
+    },
+    at: Some(|shape, q, _| strut(shape, q)),
+    separate: "slow strokes over the whole range",
+};
+
 /// `tau = sine sin(q - lowest) + cosine cos(q - lowest)`: weight about an axis that is not vertical. Revolute joints. Where the
 /// axis is seen to lean, `lowest` is known and the sine alone is used.
 pub const GRAVITY: Kind = Kind {
@@ -82,7 +129,7 @@ pub const DETENT: Kind = Kind {
     shape: &[
         ("centre", Unit::Position, Search::Way(0.03)),
         ("width", Unit::Position, Search::Factor(1.6)),
-        ("round", Unit::One, Search::Fixed),
+        ("round", Unit::One, Search::Form),
     ],
     variable: Variable::Q,
     grid: |scope| {
@@ -120,14 +167,15 @@ pub const CATCH: Kind = Kind {
     terms: &[("pull", Unit::Effort, NonNegative)],
     shape: &[
         ("closed", Unit::Position, Search::Fixed),
-        ("reach", Unit::Position, Search::Factor(1.7)),
-        ("inverse_square", Unit::One, Search::Fixed),
+        // Magnets and gaskets end within some centimetres: what reaches farther is a spring.
+        ("reach", Unit::Position, Search::Between(0.005, 0.15)),
+        ("inverse_square", Unit::One, Search::Form),
     ],
     variable: Variable::Q,
     grid: |scope| {
         let mut out = Vec::new();
         for form in [0.0, 1.0] {
-            for reach in geometric(0.01, 0.2, 7) {
+            for reach in geometric(0.01, 0.13, 7) {
                 out.push(vec![scope.q[0], reach * scope.range(), form]);
             }
         }

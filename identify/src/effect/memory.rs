@@ -15,7 +15,7 @@ pub const PRESLIDING: Kind = Kind {
     terms: &[("coulomb", Unit::Effort, NonNegative)],
     shape: &[
         ("length", Unit::Position, Search::Factor(1.6)),
-        ("stiff", Unit::One, Search::Fixed),
+        ("stiff", Unit::One, Search::Form),
     ],
     variable: Variable::SinceReversal,
     grid: |scope| {

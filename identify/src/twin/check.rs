@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::pieces::{LOAD, OVER_Q, OVER_SPEED};
 use super::{Spline, SurfaceSpline, Twin, TwinError};
-use crate::effect::library::kind;
+use crate::effect::library::{form, kind};
 
 /// No number of a twin, in SI units, is beyond this.
 const LARGEST: f64 = 1e9;
@@ -42,12 +42,12 @@ pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
         return wrong("axis_direction is no unit vector");
     }
     for effect in &twin.effects {
-        let Some(kind) = kind(&effect.name) else {
+        if kind(&effect.name).is_none() {
             return Err(TwinError::Effect {
                 name: effect.name.clone(),
             });
-        };
-        if effect.shape.len() != kind.shape.len() {
+        }
+        if form(&effect.name, effect.shape.len()).is_none() {
             return wrong("an effect has not as many shape parameters as its kind");
         }
     }

@@ -3,7 +3,7 @@
 use super::pieces::Pieces;
 use super::rows::{Rest, Rows};
 use super::{Coordinate, Twin};
-use crate::effect::library::{AtState, kind};
+use crate::effect::library::{AtState, form};
 use crate::mechanism::Domain;
 use crate::screw::JointKind;
 
@@ -85,7 +85,7 @@ impl Evaluator {
             .effects
             .iter()
             .filter_map(|effect| {
-                let kind = kind(&effect.name)?;
+                let kind = form(&effect.name, effect.shape.len())?;
                 let term = |name: &str| {
                     let found = effect.terms.iter().find(|term| term.name == name);
                     found.map_or(0.0, |term| term.value)

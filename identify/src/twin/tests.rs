@@ -182,3 +182,45 @@ fn json_gives_the_twin_back() {
     );
     assert_eq!(back.joint.coordinate, twin.joint.coordinate);
 }
+
+#[test]
+fn an_effect_of_several_forms_is_the_one_of_as_many_shapes() {
+    let spring = |terms: [(&str, f64); 2], shape: &[(&str, f64)]| {
+        let number = |(name, value): &(&str, f64)| crate::report::effects::TwinNumber {
+            name: (*name).to_owned(),
+            value: *value,
+            unit: String::new(),
+        };
+        TwinEffect {
+            name: "spring".to_owned(),
+            terms: terms.iter().map(number).collect(),
+            shape: shape.iter().map(number).collect(),
+            memoryless: true,
+        }
+    };
+    let mut bare = shared().0.clone();
+    bare.effects = Vec::new();
+    let added = |effect: TwinEffect| {
+        let with = bare.clone().with_effects(vec![effect]);
+        let with = Twin::from_json(&with.to_json().unwrap()).unwrap();
+        with.evaluator().effort(0.4, 0.1, 0.0) - bare.evaluator().effort(0.4, 0.1, 0.0)
+    };
+    let straight = added(spring([("stiffness", 5.0), ("preload", 1.0)], &[]));
+    assert!((straight - 3.0).abs() < 1e-9, "{straight}");
+    let strut = added(spring(
+        [("stiffness", 34.5), ("pull", -80.5)],
+        &[("angle", 0.05), ("ratio", 0.24)],
+    ));
+    let (length, (sin, cos)) = (
+        |cos: f64| f64::hypot(0.25, 0.06).powi(2) - 0.03 * cos,
+        0.45_f64.sin_cos(),
+    );
+    let length = length(cos).sqrt();
+    let wanted = 2300.0 * (length - 0.14) * (0.25 * 0.06 * sin / length);
+    assert!((strut - wanted).abs() < 1e-9, "{strut} {wanted}");
+    let odd = bare.with_effects(vec![spring(
+        [("stiffness", 5.0), ("preload", 1.0)],
+        &[("angle", 0.0)],
+    )]);
+    assert!(Twin::from_json(&odd.to_json().unwrap()).is_err());
+}
