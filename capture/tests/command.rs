@@ -53,6 +53,21 @@ fn every_subcommand_shows_examples_of_its_own() {
 }
 
 #[test]
+fn the_commands_that_keys_prints_are_those_of_the_port_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, more, port) in [("a", &[][..], 7447), ("b", &["--port", "7500"], 7500)] {
+        let keys = folder.path().join(name);
+        let keys = keys.to_str().unwrap();
+        let output = capture(&[&["keys", "-o", keys, "--host", "192.168.0.7"], more].concat());
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        for wanted in ["tls/0.0.0.0:", "tls/192.168.0.7:"] {
+            assert!(text.contains(&format!("{wanted}{port}")), "{text}");
+        }
+    }
+}
+
+#[test]
 fn devices_are_listed_or_said_to_be_absent() {
     let output = capture(&["devices"]);
     assert_eq!(output.status.code(), Some(0));
