@@ -374,6 +374,22 @@ fn a_table_takes_frames_and_a_calibration_from_files() {
     assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, -0.1]);
     let mass = recording.calibration.unwrap().payload_mass_kg.value;
     assert!((mass - 0.5).abs() < 1e-12);
+    // The poses are the tool's: where it is on the glasses need not be said, and nothing is made up of it.
+    let sensor = path("sensor.toml");
+    std::fs::write(
+        &sensor,
+        format!("[frames.tcp_from_ft_sensor]\n{}", pose(0.3)),
+    )
+    .unwrap();
+    let output = csv_of(folder.path(), |_| {}, &["--frames", &sensor]);
+    assert_eq!(output.status.code(), Some(0), "{:?}", said(&output));
+    let (recording, known) = ft_recording::Recording::load_without_pose(
+        Path::new(&path("a.mcap")),
+        &ft_recording::TopicMap::default(),
+    )
+    .unwrap();
+    assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, 0.3]);
+    assert_eq!(known.aria_device_from_tcp, None);
     std::fs::write(&both, &frames).unwrap();
     let output = csv_of(folder.path(), |_| {}, &["--calibration", &both]);
     assert_eq!(output.status.code(), Some(1));

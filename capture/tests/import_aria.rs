@@ -8,7 +8,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ft_capture::config::{Frames, StaticPose};
+use ft_capture::config::{Frames, SaidFrames, StaticPose};
 use ft_capture::import::aria::{AriaOptions, AriaReport, import_aria};
 use ft_capture::import::mps::{Trajectory, TrajectoryKind};
 use ft_recording::message::{Header, PoseStamped, TFMessage, TransformStamped, WrenchStamped};
@@ -73,7 +73,7 @@ fn import(mps: &Path, start: HostTime, starts_at_s: Option<f64>) -> (AriaReport,
     let (source, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     wrench_recording(&source, start);
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         starts_at_s,
         align: false,
         ..AriaOptions::default()
@@ -247,7 +247,7 @@ fn a_trajectory_of_another_day_is_not_put_beside_the_wrench() {
     let source = scratch.path().join("a.mcap");
     wrench_recording(&source, HostTime::from_nanos(1_700_000_000_000_000_000));
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..AriaOptions::default()
     };
     let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
@@ -265,7 +265,7 @@ fn a_still_wrench_is_not_aligned_with_moving_glasses() {
     let source = scratch.path().join("a.mcap");
     wrench_recording(&source, HostTime::from_nanos(1_686_767_222_002_923_694));
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..AriaOptions::default()
     };
     let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
@@ -450,7 +450,7 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
     let options = AriaOptions {
         align: false,
         starts_at_s: Some(0.5),
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         map: map.clone(),
         ..AriaOptions::default()
     };
@@ -582,7 +582,7 @@ fn poses_and_transforms_that_the_recording_has_are_told_or_kept() {
     assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.4, 0.0, 0.0]);
     // With frames, these two are as they say.
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..options
     };
     import_aria(&path("a.mcap"), &trajectory, &path("c.mcap"), &options).unwrap();
@@ -595,4 +595,24 @@ fn poses_and_transforms_that_the_recording_has_are_told_or_kept() {
     let report = check::check(&path("c.mcap")).unwrap();
     assert_eq!(report.topics["/tf_static"].messages, 1);
     assert_eq!(report.topics["/tcp/pose"].messages, 500);
+    // Of those that are not said, the recording's own are taken.
+    let one = SaidFrames {
+        tcp_from_ft_sensor: None,
+        ..frames().into()
+    };
+    let options = AriaOptions {
+        frames: Some(one),
+        ..options
+    };
+    import_aria(&path("a.mcap"), &trajectory, &path("d.mcap"), &options).unwrap();
+    let (_, known) = Recording::load_without_pose(&path("d.mcap"), &TopicMap::default()).unwrap();
+    assert_eq!(
+        known.aria_device_from_tcp.unwrap().position,
+        [0.0, 0.1, -0.2]
+    );
+    assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.4, 0.0, 0.0]);
+    // One that nobody says is asked for.
+    let error = import_aria(&path("wrench.mcap"), &trajectory, &path("e.mcap"), &options);
+    let text = error.unwrap_err().to_string();
+    assert!(text.contains("no [frames.tcp_from_ft_sensor]"), "{text}");
 }

@@ -24,14 +24,14 @@ use super::mps::{MpsPose, Trajectory};
 use super::topics::{add_poses, import_entries};
 use super::{ImportError, plausible};
 use crate::calibrate::{CalibrateOptions, align_recording};
-use crate::config::{Frames, StaticPose};
+use crate::config::{Frames, SaidFrames, StaticPose};
 use crate::gyro::{self, Gyroscope};
 
 /// How to import.
 #[derive(Clone, Debug)]
 pub struct AriaOptions {
-    /// Where the frames stand; else what the recording's `/tf_static` says.
-    pub frames: Option<Frames>,
+    /// Where the frames stand; what is not said here is taken from the recording's `/tf_static`.
+    pub frames: Option<SaidFrames>,
     /// Seconds after the first wrench at which the trajectory begins; else its utc says.
     pub starts_at_s: Option<f64>,
     /// Align by the tool's own wrench.
@@ -98,7 +98,10 @@ pub fn import_aria(
             begins_s,
         });
     }
-    let frames = options.frames.clone().or_else(|| frames_of(&known));
+    let frames = match &options.frames {
+        Some(said) => Some(complete(said, &known, source)?),
+        None => frames_of(&known),
+    };
     recording.pose = PoseTrack {
         frame: TrackedFrame::AriaDevice,
         samples: (0..trajectory.poses.len())
@@ -234,20 +237,46 @@ fn write(
         add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
     }
     // What the recording says itself stays as it is.
-    if let Some(frames) = &options.frames {
+    if let Some(said) = &options.frames {
         let at = recording.wrench[0].at;
-        let device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
-        let tcp_from_sensor = pose7(&frames.tcp_from_ft_sensor, source)?;
         for (base, frame, pose) in [
-            (AriaDevice::NAME, Tcp::NAME, device_from_tcp),
-            (Tcp::NAME, FtSensor::NAME, tcp_from_sensor),
+            (AriaDevice::NAME, Tcp::NAME, &said.aria_device_from_tcp),
+            (Tcp::NAME, FtSensor::NAME, &said.tcp_from_ft_sensor),
         ] {
-            rewrite.set_frame(base, frame, pose, &options.map, at);
+            if let Some(pose) = pose {
+                rewrite.set_frame(base, frame, pose7(pose, source)?, &options.map, at);
+            }
         }
     }
     rewrite.metadata(metadata::IMPORT, import_entries("aria", report));
     rewrite.write(Some(source), &report.path, options.overwrite)?;
     Ok(())
+}
+
+/// What is said, and the rest by the recording.
+fn complete(said: &SaidFrames, known: &KnownFrames, source: &Path) -> Result<Frames, ImportError> {
+    let or_known = |said: Option<StaticPose>, known: Option<Pose7>, name: &str| {
+        let pose = said.or_else(|| known.as_ref().map(static_pose));
+        pose.ok_or_else(|| ImportError::Missing {
+            path: source.to_owned(),
+            missing: format!(
+                "no such transform on /tf_static, and --frames has no [frames.{name}]"
+            ),
+            hint: "say it in the file of --frames",
+        })
+    };
+    Ok(Frames {
+        aria_device_from_tcp: or_known(
+            said.aria_device_from_tcp,
+            known.aria_device_from_tcp,
+            "aria_device_from_tcp",
+        )?,
+        tcp_from_ft_sensor: or_known(
+            said.tcp_from_ft_sensor,
+            known.tcp_from_ft_sensor,
+            "tcp_from_ft_sensor",
+        )?,
+    })
 }
 
 fn frames_of(known: &KnownFrames) -> Option<Frames> {
