@@ -324,6 +324,19 @@ fn rows_of_a_table_with_wrong_stamps_are_left_out_and_counted() {
         "{:?}",
         said(&turned)
     );
+    // A clock that was set back by half a second is data lost, however little.
+    let set_back = |rows: &mut Vec<String>| {
+        for row in 150..200 {
+            stamped(rows, row, &format!("{}", 100.0 + 0.01 * row as f64 - 0.503));
+        }
+    };
+    let output = csv_of(folder.path(), set_back, &[]);
+    assert_eq!(output.status.code(), Some(3), "{:?}", said(&output));
+    assert!(
+        said(&output).0.contains("50 by a clock that was set back"),
+        "{:?}",
+        said(&output)
+    );
     let most = csv_of(
         folder.path(),
         |rows| (0..150).for_each(|row| stamped(rows, row, "-1")),

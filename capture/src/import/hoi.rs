@@ -62,6 +62,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         missing: Vec::new(),
         not_weighed: None,
         left_out: 0,
+        set_back: 0,
     };
     let wrench = import.wrench()?;
     let trajectory = import.trajectory()?;
@@ -143,6 +144,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             recording.pose.samples.len() as u64,
         ],
         left_out: import.left_out,
+        set_back: import.set_back,
         counts: trajectory.counts,
         calibration: kind,
         alignment,

@@ -155,9 +155,13 @@ fn named<const N: usize>(
 }
 
 impl TablesReport {
-    /// Whether more than half of a table's rows are missing.
+    /// Whether rows by another clock, or more than half of a table's rows, are missing.
     #[must_use]
     pub fn lost_data(&self) -> bool {
+        self.lost_most() || self.counts.iter().any(|counts| counts.set_back > 0)
+    }
+
+    fn lost_most(&self) -> bool {
         let mut tables = self.counts.iter();
         tables.any(|counts| 2 * counts.left_out() > counts.rows)
     }
@@ -196,7 +200,7 @@ impl fmt::Display for TablesReport {
                 )?;
             }
         }
-        if self.lost_data() {
+        if self.lost_most() {
             write!(f, "\n  MORE THAN HALF of the rows of a table are left out")?;
         }
         for doubt in &self.doubts {

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::calibrate::Alignment;
 use crate::gyro::{GyroCheck, Gyroscope};
 use crate::import::mps::{SourceFile, TrajectoryCounts, TrajectoryKind};
+use crate::import::order::SET_BACK;
 
 /// What was imported.
 #[derive(Clone, Debug, Serialize)]
@@ -47,7 +48,7 @@ pub struct AriaReport {
 }
 
 impl AriaReport {
-    /// Whether more than half of the trajectory is missing.
+    /// Whether a stretch by another clock, or more than half of the trajectory, is missing.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
         self.counts.lost_data()
@@ -82,6 +83,9 @@ impl fmt::Display for AriaReport {
                 "{} rows stamped at another time than the most left out",
                 counts.far
             )?;
+        }
+        if counts.set_back > 0 {
+            writeln!(f, "{} rows left out {SET_BACK}", counts.set_back)?;
         }
         if counts.moved > 0 {
             writeln!(f, "{} rows put in order by their stamps", counts.moved)?;
@@ -165,7 +169,7 @@ impl fmt::Display for AriaReport {
                 "no /tcp/pose: nothing says where the tool is on the glasses (--frames)"
             )?;
         }
-        if self.lost_data() {
+        if counts.lost_most() {
             writeln!(f, "MORE THAN HALF of the trajectory's rows are left out")?;
         }
         write!(f, "from")?;
