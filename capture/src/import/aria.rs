@@ -196,7 +196,12 @@ fn own_rate(trajectory: &Trajectory) -> Option<gyro::GyroCheck> {
             value: pose.rate,
         })
         .collect();
-    gyro::check(&poses, &rates)
+    // Of one clock.
+    let check = gyro::check(&poses, &rates)?;
+    Some(gyro::GyroCheck {
+        skew_ppm: None,
+        ..check
+    })
 }
 
 /// Poses that the source has, which those of the trajectory replace.
