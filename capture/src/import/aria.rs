@@ -20,10 +20,11 @@ use folder::MpsFolder;
 pub use report::AriaReport;
 
 use super::clock_map::ClockMap;
+use super::drift::{self, move_by};
 use super::mps::{MpsPose, Trajectory};
 use super::topics::{add_poses, import_entries};
 use super::{ImportError, plausible};
-use crate::calibrate::{CalibrateOptions, align_recording};
+use crate::calibrate::{CalibrateOptions, align_recording, free_air_parts};
 use crate::config::{Frames, SaidFrames, StaticPose};
 use crate::gyro::{self, Gyroscope};
 
@@ -133,9 +134,14 @@ pub fn import_aria(
             })?)
         }
     };
-    for sample in &mut recording.pose.samples {
-        sample.at = alignment.map_or(sample.at, |alignment| alignment.shifted(sample.at, start));
-    }
+    let mut drift = None;
+    let alignment = alignment.map(|first| {
+        move_by(&mut recording, &first);
+        let parts = free_air_parts(&recording, &options.calibrate);
+        let (alignment, found) = drift::of_aligned(&mut recording, first, &parts);
+        drift = Some(found);
+        alignment
+    });
     let (imu_offsets_ms, calibration_not_read) = folder.imu_offsets();
     let not_read: Vec<String> = open_not_read
         .into_iter()
@@ -163,6 +169,7 @@ pub fn import_aria(
         utc_rms_ms: utc.map(|map| 1e-6 * map.rms_ns),
         begins_s,
         alignment,
+        drift,
         replaced: replaced(&recording, &options.map),
         doubts,
         has_tcp: frames.is_some(),

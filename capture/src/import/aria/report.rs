@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::calibrate::Alignment;
 use crate::gyro::{GyroCheck, Gyroscope};
+use crate::import::drift::Drift;
 use crate::import::mps::{SourceFile, TrajectoryCounts, TrajectoryKind};
 use crate::import::order::SET_BACK;
 
@@ -30,6 +31,8 @@ pub struct AriaReport {
     pub begins_s: f64,
     /// What the tool's own wrench adds to that; none when it was not asked.
     pub alignment: Option<Alignment>,
+    /// How the clocks drift apart over the recording; none without an alignment.
+    pub drift: Option<Drift>,
     /// Poses that the source recording had, by topic: they are not in the new one.
     pub replaced: BTreeMap<String, u64>,
     /// What looks like other units.
@@ -136,6 +139,9 @@ impl fmt::Display for AriaReport {
                 f,
                 "not aligned: the times are those of utc or --starts-at, which may be seconds off"
             )?,
+        }
+        if let Some(drift) = &self.drift {
+            writeln!(f, "{drift}")?;
         }
         if let Some(gyroscope) = &self.gyroscope {
             writeln!(f, "{gyroscope}")?;
