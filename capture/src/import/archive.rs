@@ -15,7 +15,7 @@ mod zip;
 use miniz_oxide::inflate::{TINFLStatus, decompress_to_vec_with_limit};
 use zip::{Archive, u16_at, u32_at};
 
-/// Largest file that is unpacked into memory, bytes: a quarter of an hour of MPS poses at 1 kHz. A table takes up to four times as much.
+/// Largest file that is unpacked into memory, bytes: a quarter of an hour of MPS poses at 1 kHz.
 const LIMIT: usize = 1 << 28;
 /// Zips within zips.
 const DEPTH: usize = 3;
