@@ -22,8 +22,9 @@ const ARIA_EXAMPLES: &str = "Examples:
   ft-capture import-aria rec.mcap --mps mps/ --starts-at 38.5 -o door.mcap      no utc, or a wrong one: 38.5 s after the first wrench, +-10 s
 
 The offset between the glasses and the wrench is found from the free air (marks free_air_begin and grasp): shake and turn
-the tool there for 10 s. --no-align keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the
-result: /ft/imu, or another name by --map /their/imu=/ft/imu.";
+the tool there for 10 s, and for 6 s after the release too: both show how the clocks drift apart, and that is taken out. --no-align
+keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the result: /ft/imu, or another name by
+--map /their/imu=/ft/imu.";
 
 /// What to import.
 #[derive(Debug, Args)]
