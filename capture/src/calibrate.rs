@@ -181,6 +181,11 @@ impl Problem {
     }
 }
 
+/// Parts of a recording in free air by the options, the marks, or all there is; s after the first wrench.
+pub(crate) fn free_air_parts(recording: &Recording, options: &CalibrateOptions) -> Vec<(f64, f64)> {
+    free_air(recording, start_of(recording), options)
+}
+
 /// How far pose and wrench of a recording are apart: within `options.search_s` of `around_s`, s to add to the pose's stamps.
 ///
 /// # Errors

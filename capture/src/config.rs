@@ -177,42 +177,54 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Those of a file that has to say them: identity is no guess for glasses on a gripper. Its other sections are not looked at.
+    fn check(&self, path: &Path) -> Result<(), ConfigError> {
+        SaidFrames::from(self.clone()).check(path)
+    }
+}
+
+/// Those of the frames that somebody said.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SaidFrames {
+    /// Takes coordinates in `tcp` to `aria_device`.
+    pub aria_device_from_tcp: Option<StaticPose>,
+    /// Takes coordinates in `ft_sensor` to `tcp`.
+    pub tcp_from_ft_sensor: Option<StaticPose>,
+}
+
+impl From<Frames> for SaidFrames {
+    fn from(frames: Frames) -> Self {
+        Self {
+            aria_device_from_tcp: Some(frames.aria_device_from_tcp),
+            tcp_from_ft_sensor: Some(frames.tcp_from_ft_sensor),
+        }
+    }
+}
+
+impl SaidFrames {
+    /// Those of a file, whose other sections are not looked at.
     ///
     /// # Errors
-    /// It cannot be read, is no TOML, does not say one of the two, or says one that is no pose.
+    /// It cannot be read, is no TOML, says none, or says one that is no pose.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        Self::said(&read(path)?, path)
+        Self::of(&read(path)?, path)
     }
 
-    fn said(text: &str, path: &Path) -> Result<Self, ConfigError> {
-        #[derive(Default, Deserialize)]
-        #[serde(deny_unknown_fields, default)]
-        struct Said {
-            aria_device_from_tcp: Option<StaticPose>,
-            tcp_from_ft_sensor: Option<StaticPose>,
-        }
+    fn of(text: &str, path: &Path) -> Result<Self, ConfigError> {
         #[derive(Deserialize)]
         struct File {
             #[serde(default)]
-            frames: Said,
+            frames: SaidFrames,
         }
         let File { frames } = toml::from_str(text).map_err(syntax(path))?;
-        let missing = |name: &str| ConfigError::Value {
-            path: path.to_owned(),
-            what: format!(
-                "there is no [frames.{name}] with position_m and quaternion_xyzw: say where it is, or leave --frames out to keep what the \
-                 recording says"
-            ),
-        };
-        let frames = Self {
-            aria_device_from_tcp: frames
-                .aria_device_from_tcp
-                .ok_or_else(|| missing("aria_device_from_tcp"))?,
-            tcp_from_ft_sensor: frames
-                .tcp_from_ft_sensor
-                .ok_or_else(|| missing("tcp_from_ft_sensor"))?,
-        };
+        if frames.aria_device_from_tcp.is_none() && frames.tcp_from_ft_sensor.is_none() {
+            return Err(ConfigError::Value {
+                path: path.to_owned(),
+                what: "there is no [frames.aria_device_from_tcp] and no [frames.tcp_from_ft_sensor] with position_m and quaternion_xyzw: say \
+                       where they are, or leave --frames out to keep what the recording says"
+                    .to_owned(),
+            });
+        }
         frames.check(path)?;
         Ok(frames)
     }
@@ -222,6 +234,7 @@ impl Frames {
             ("aria_device_from_tcp", &self.aria_device_from_tcp),
             ("tcp_from_ft_sensor", &self.tcp_from_ft_sensor),
         ] {
+            let Some(pose) = pose else { continue };
             let [x, y, z, w] = pose.quaternion_xyzw;
             let norm = (x * x + y * y + z * z + w * w).sqrt();
             if !((norm - 1.0).abs() < 1e-3 && pose.position_m.iter().all(|part| part.is_finite())) {
@@ -547,15 +560,20 @@ mod tests {
         let said = |names: &[&str]| {
             let frames = names.iter().map(|name| format!("[frames.{name}]\n{pose}"));
             let text = format!("{GOOD}\n{}", frames.collect::<String>());
-            Frames::said(&text, Path::new("a.toml"))
+            SaidFrames::of(&text, Path::new("a.toml"))
         };
         let (device, sensor) = ("aria_device_from_tcp", "tcp_from_ft_sensor");
-        let frames = said(&[device, sensor]).unwrap();
-        assert_eq!(frames.tcp_from_ft_sensor.position_m, [0.0, 0.0, 0.1]);
-        for (names, missing) in [(&[][..], device), (&[sensor], device), (&[device], sensor)] {
-            let message = said(names).unwrap_err().to_string();
+        for names in [&[device, sensor][..], &[device], &[sensor]] {
+            let frames = said(names).unwrap();
+            let position = |pose: Option<StaticPose>| pose.map(|pose| pose.position_m);
+            let wanted = |name| names.contains(&name).then_some([0.0, 0.0, 0.1]);
+            assert_eq!(position(frames.aria_device_from_tcp), wanted(device));
+            assert_eq!(position(frames.tcp_from_ft_sensor), wanted(sensor));
+        }
+        let message = said(&[]).unwrap_err().to_string();
+        for name in [device, sensor] {
             assert!(
-                message.contains(&format!("no [frames.{missing}]")),
+                message.contains(&format!("no [frames.{name}]")),
                 "{message}"
             );
         }
@@ -569,8 +587,9 @@ mod tests {
         // `calibrate --find-rotation --toml` writes them after the calibration.
         let after = format!("[calibration.payload_mass_kg]\nvalue = 0.4\nstd = 0.01\n{frames}");
         for text in [&frames, &after] {
-            let frames = Frames::said(text, Path::new("a.toml")).unwrap();
-            assert_eq!(frames.aria_device_from_tcp.position_m, [0.0, 0.0, 0.1]);
+            let frames = SaidFrames::of(text, Path::new("a.toml")).unwrap();
+            let device_from_tcp = frames.aria_device_from_tcp.unwrap();
+            assert_eq!(device_from_tcp.position_m, [0.0, 0.0, 0.1]);
         }
         for (changed, wanted) in [
             (frames.replace("1.0]\n[", "2.0]\n["), "norm 2"),
@@ -580,7 +599,7 @@ mod tests {
             ),
             ("frames = 3".to_owned(), "frames"),
         ] {
-            let message = Frames::said(&changed, Path::new("a.toml")).unwrap_err();
+            let message = SaidFrames::of(&changed, Path::new("a.toml")).unwrap_err();
             assert!(message.to_string().contains(wanted), "{message}");
         }
     }

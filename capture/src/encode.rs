@@ -8,7 +8,7 @@ use ft_recording::message::{
 use ft_wire::HostTime;
 use ft_wire::frames::{AriaDevice, Frame, FtSensor, Tcp, World};
 
-use crate::config::{Frames, StaticPose};
+use crate::config::{Frames, SaidFrames, StaticPose};
 use crate::item::{Body, Item};
 use crate::rmw::Offer;
 
@@ -226,6 +226,12 @@ impl Encoder {
 /// The `/tf_static` message: `aria_device -> tcp` and `tcp -> ft_sensor`.
 #[must_use]
 pub fn static_transforms(frames: &Frames, at: HostTime) -> TFMessage {
+    said_transforms(&frames.clone().into(), at)
+}
+
+/// As [`static_transforms`], of those that are said.
+#[must_use]
+pub fn said_transforms(frames: &SaidFrames, at: HostTime) -> TFMessage {
     let transform = |parent: &str, child: &str, pose: &StaticPose| TransformStamped {
         header: Header {
             stamp: Time::from(at),
@@ -246,9 +252,12 @@ pub fn static_transforms(frames: &Frames, at: HostTime) -> TFMessage {
         },
     };
     TFMessage {
-        transforms: vec![
-            transform(AriaDevice::NAME, Tcp::NAME, &frames.aria_device_from_tcp),
-            transform(Tcp::NAME, FtSensor::NAME, &frames.tcp_from_ft_sensor),
-        ],
+        transforms: [
+            (AriaDevice::NAME, Tcp::NAME, &frames.aria_device_from_tcp),
+            (Tcp::NAME, FtSensor::NAME, &frames.tcp_from_ft_sensor),
+        ]
+        .into_iter()
+        .filter_map(|(parent, child, pose)| Some(transform(parent, child, pose.as_ref()?)))
+        .collect(),
     }
 }

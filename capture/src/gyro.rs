@@ -2,19 +2,23 @@
 //!
 //! The size of the angular rate is the same in all axes of a rigid tool, so that nothing need be known of how the gyroscope is turned:
 //! its mean over 40 ms is compared with the angle that the poses turn by meanwhile, at shifts of up to half a second. It says nothing of
-//! poses that are further off, or of a tool that hardly turned.
+//! poses that are further off, or of a tool that hardly turned. Over 30 s or more, parts of the recording say how the clocks drift apart.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use ft_recording::message::{Imu, Message};
 use ft_recording::{Pose7, Recording, Stamped, topic};
 use ft_wire::HostTime;
 use serde::Serialize;
 
+mod drift;
+
 /// Half of the time over which rates are taken, ns.
 const HALF_NS: i64 = 20_000_000;
 /// Rows and shifts stand this far apart, ns.
 const STEP_NS: i64 = 5_000_000;
+const STEP_MS: f64 = 1e-6 * STEP_NS as f64;
 /// Shifts to either side.
 const SHIFTS: i64 = 100;
 /// Rows that a check needs: 5 s.
@@ -35,6 +39,8 @@ pub struct GyroCheck {
     pub offset_ms: f64,
     /// Share of the variance of the poses' angular rate that the gyroscope's explains at that shift.
     pub explained: f64,
+    /// By how much the poses' clock is slow, ppm, and one standard deviation; none when the tool did not turn over 30 s or more.
+    pub skew_ppm: Option<[f64; 2]>,
 }
 
 impl GyroCheck {
@@ -53,7 +59,14 @@ impl fmt::Display for GyroCheck {
             "DISAGREES: the poses' stamps are off by"
         };
         let (offset, percent) = (self.offset_ms, 100.0 * self.explained);
-        write!(f, "{says} {offset:+.1} ms ({percent:.0} % of the turns)")
+        write!(f, "{says} {offset:+.1} ms ({percent:.0} % of the turns)")?;
+        match self.skew_ppm {
+            Some([ppm, std_ppm]) => write!(
+                f,
+                "; by it the poses' clock is slow by {ppm:+.1} +-{std_ppm:.1} ppm"
+            ),
+            None => Ok(()),
+        }
     }
 }
 
@@ -108,26 +121,54 @@ pub fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<Gyr
         .take_while(|at| *at < last - HALF_NS)
         .filter_map(|at| turn(poses, at))
         .collect();
-    let left = |shift: i64| -> Option<f64> {
+    let best = best(&turned, &sums, -SHIFTS..=SHIFTS, MIN_ROWS)?;
+    let explained = 1.0 - best.left;
+    (best.shift.abs() < SHIFTS as f64 && explained >= MIN_EXPLAINED).then(|| GyroCheck {
+        offset_ms: best.shift * STEP_MS,
+        explained,
+        skew_ppm: drift::skew_ppm(&turned, &sums, best.shift),
+    })
+}
+
+/// The shift that leaves least of the poses' turns.
+struct Best {
+    /// Steps of [`STEP_NS`] to add to the poses' stamps.
+    shift: f64,
+    /// Share of the variance that it leaves.
+    left: f64,
+    /// How fast that grows beside it, per step squared: its second difference.
+    bend: f64,
+    /// Rows that were compared.
+    rows: usize,
+}
+
+/// Of so many rows at least; `None` when there are fewer, they show too little motion, or only the end of `shifts` was reached.
+fn best(
+    turned: &[(i64, f64)],
+    sums: &[(HostTime, f64)],
+    shifts: RangeInclusive<i64>,
+    least_rows: usize,
+) -> Option<Best> {
+    let left = |shift: i64| -> Option<(f64, usize)> {
         let rows: Vec<(f64, f64)> = turned
             .iter()
-            .filter_map(|(at, rate)| Some((*rate, mean(&sums, at + shift)?)))
+            .filter_map(|(at, rate)| Some((*rate, mean(sums, at + shift * STEP_NS)?)))
             .collect();
         let n = rows.len() as f64;
-        if rows.len() < MIN_ROWS {
+        if rows.len() < least_rows {
             return None;
         }
         let centre = rows.iter().map(|row| row.0).sum::<f64>() / n;
         let whole = rows.iter().map(|row| (row.0 - centre).powi(2)).sum::<f64>() / n;
         let apart = rows.iter().map(|row| (row.0 - row.1).powi(2)).sum::<f64>() / n;
-        (whole.sqrt() > MIN_MOTION).then_some(apart / whole)
+        (whole.sqrt() > MIN_MOTION).then_some((apart / whole, rows.len()))
     };
-    let found: Vec<(i64, f64)> = (-SHIFTS..=SHIFTS)
-        .filter_map(|k| Some((k, left(k * STEP_NS)?)))
+    let found: Vec<(i64, f64, usize)> = shifts
+        .filter_map(|shift| left(shift).map(|(left, rows)| (shift, left, rows)))
         .collect();
     let best =
         (1..found.len().saturating_sub(1)).min_by(|a, b| found[*a].1.total_cmp(&found[*b].1))?;
-    let ((_, a), (k, b), (_, c)) = (found[best - 1], found[best], found[best + 1]);
+    let ((_, a, _), (shift, b, rows), (_, c, _)) = (found[best - 1], found[best], found[best + 1]);
     // The parabola through the three best.
     let bend = a - 2.0 * b + c;
     let part = if bend > 0.0 {
@@ -135,10 +176,11 @@ pub fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<Gyr
     } else {
         0.0
     };
-    let explained = 1.0 - b;
-    (k.abs() < SHIFTS && explained >= MIN_EXPLAINED).then_some(GyroCheck {
-        offset_ms: (k as f64 + part) * STEP_NS as f64 * 1e-6,
-        explained,
+    Some(Best {
+        shift: shift as f64 + part,
+        left: b,
+        bend,
+        rows,
     })
 }
 
@@ -194,20 +236,36 @@ mod tests {
 
     /// Turns about z by a sum of sines; poses at 1 kHz stamped `late_ns` too late, a gyroscope turned otherwise at 100 Hz.
     fn recorded(late_ns: i64, size: f64) -> (Vec<Stamped<Pose7>>, Vec<Stamped<[f64; 3]>>) {
+        drifting(12, late_ns, size, 0.0)
+    }
+
+    /// As [`recorded`], of so many seconds, by a clock of the poses that is slow by `ppm`; the gyroscope is as noisy as one of a sensor.
+    fn drifting(
+        seconds: i64,
+        late_ns: i64,
+        size: f64,
+        ppm: f64,
+    ) -> (Vec<Stamped<Pose7>>, Vec<Stamped<[f64; 3]>>) {
         let angle = |t: f64| size * ((3.1 * t).sin() + 0.7 * (7.3 * t).cos());
         let rate = |t: f64| size * (3.1 * (3.1 * t).cos() - 5.11 * (7.3 * t).sin());
-        let poses = (0..12_000).map(|k| {
+        let slow = |k: i64| (1e-6 * ppm * 1e6 * k as f64).round() as i64;
+        let mut state = 1_u64;
+        let mut noise = move |size: f64| {
+            state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+            size * ((state >> 40) as f64 / (1_u64 << 23) as f64 - 1.0)
+        };
+        let poses = (0..1_000 * seconds).map(|k| {
             let (sin, cos) = (0.5 * angle(1e-3 * k as f64)).sin_cos();
             Stamped {
-                at: HostTime::from_nanos(START + k * 1_000_000 + late_ns),
+                at: HostTime::from_nanos(START + k * 1_000_000 + late_ns - slow(k)),
                 value: Pose7 {
                     position: [0.0; 3],
                     quaternion: [0.0, 0.0, sin, cos],
                 },
             }
         });
-        let gyro = (0..1_200).map(|k| {
-            let w = rate(0.01 * k as f64);
+        let gyro = (0..100 * seconds).map(|k| {
+            let w = rate(0.01 * k as f64) + noise(0.02);
             Stamped {
                 at: HostTime::from_nanos(START + k * 10_000_000),
                 value: [0.6 * w, 0.0, -0.8 * w],
@@ -227,6 +285,30 @@ mod tests {
             );
             assert!(found.explained > 0.95, "{found:?}");
         }
+    }
+
+    #[test]
+    fn a_drift_between_the_clocks_is_found_over_a_long_recording() {
+        for ppm in [20.0, -20.0, 0.0, 150.0] {
+            let (poses, gyro) = drifting(60, 3_200_000, 0.4, ppm);
+            let found = check(&poses, &gyro).unwrap();
+            let [skew, std] = found.skew_ppm.unwrap();
+            println!("simulated: {ppm:+} ppm: found {skew:+.2} +-{std:.2} ppm");
+            assert!((skew - ppm).abs() < 3.0 * std, "{ppm}: {found:?}");
+            assert!(std < 8.0, "{found:?}");
+        }
+        // Too short, and still but for its begin.
+        let (poses, gyro) = drifting(12, 0, 0.4, 20.0);
+        assert_eq!(check(&poses, &gyro).unwrap().skew_ppm, None);
+        let (mut poses, mut gyro) = drifting(60, 0, 0.4, 20.0);
+        let still = poses[15_000].value;
+        poses[15_000..]
+            .iter_mut()
+            .for_each(|pose| pose.value = still);
+        gyro[1_500..]
+            .iter_mut()
+            .for_each(|rate| rate.value = [0.0; 3]);
+        assert_eq!(check(&poses, &gyro).unwrap().skew_ppm, None);
     }
 
     #[test]

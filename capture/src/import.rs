@@ -11,6 +11,8 @@ pub mod archive;
 pub mod aria;
 pub mod bag;
 pub mod clock_map;
+mod drift;
+mod free_air;
 pub mod hoi;
 pub mod matrix;
 pub mod mps;

@@ -53,6 +53,21 @@ fn every_subcommand_shows_examples_of_its_own() {
 }
 
 #[test]
+fn the_commands_that_keys_prints_are_those_of_the_port_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, more, port) in [("a", &[][..], 7447), ("b", &["--port", "7500"], 7500)] {
+        let keys = folder.path().join(name);
+        let keys = keys.to_str().unwrap();
+        let output = capture(&[&["keys", "-o", keys, "--host", "192.168.0.7"], more].concat());
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        for wanted in ["tls/0.0.0.0:", "tls/192.168.0.7:"] {
+            assert!(text.contains(&format!("{wanted}{port}")), "{text}");
+        }
+    }
+}
+
+#[test]
 fn devices_are_listed_or_said_to_be_absent() {
     let output = capture(&["devices"]);
     assert_eq!(output.status.code(), Some(0));
@@ -309,6 +324,19 @@ fn rows_of_a_table_with_wrong_stamps_are_left_out_and_counted() {
         "{:?}",
         said(&turned)
     );
+    // A clock that was set back by half a second is data lost, however little.
+    let set_back = |rows: &mut Vec<String>| {
+        for row in 150..200 {
+            stamped(rows, row, &format!("{}", 100.0 + 0.01 * row as f64 - 0.503));
+        }
+    };
+    let output = csv_of(folder.path(), set_back, &[]);
+    assert_eq!(output.status.code(), Some(3), "{:?}", said(&output));
+    assert!(
+        said(&output).0.contains("50 by a clock that was set back"),
+        "{:?}",
+        said(&output)
+    );
     let most = csv_of(
         folder.path(),
         |rows| (0..150).for_each(|row| stamped(rows, row, "-1")),
@@ -359,6 +387,22 @@ fn a_table_takes_frames_and_a_calibration_from_files() {
     assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, -0.1]);
     let mass = recording.calibration.unwrap().payload_mass_kg.value;
     assert!((mass - 0.5).abs() < 1e-12);
+    // The poses are the tool's: where it is on the glasses need not be said, and nothing is made up of it.
+    let sensor = path("sensor.toml");
+    std::fs::write(
+        &sensor,
+        format!("[frames.tcp_from_ft_sensor]\n{}", pose(0.3)),
+    )
+    .unwrap();
+    let output = csv_of(folder.path(), |_| {}, &["--frames", &sensor]);
+    assert_eq!(output.status.code(), Some(0), "{:?}", said(&output));
+    let (recording, known) = ft_recording::Recording::load_without_pose(
+        Path::new(&path("a.mcap")),
+        &ft_recording::TopicMap::default(),
+    )
+    .unwrap();
+    assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, 0.3]);
+    assert_eq!(known.aria_device_from_tcp, None);
     std::fs::write(&both, &frames).unwrap();
     let output = csv_of(folder.path(), |_| {}, &["--calibration", &both]);
     assert_eq!(output.status.code(), Some(1));

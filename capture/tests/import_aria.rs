@@ -8,7 +8,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ft_capture::config::{Frames, StaticPose};
+use ft_capture::config::{Frames, SaidFrames, StaticPose};
 use ft_capture::import::aria::{AriaOptions, AriaReport, import_aria};
 use ft_capture::import::mps::{Trajectory, TrajectoryKind};
 use ft_recording::message::{Header, PoseStamped, TFMessage, TransformStamped, WrenchStamped};
@@ -73,7 +73,7 @@ fn import(mps: &Path, start: HostTime, starts_at_s: Option<f64>) -> (AriaReport,
     let (source, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     wrench_recording(&source, start);
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         starts_at_s,
         align: false,
         ..AriaOptions::default()
@@ -247,7 +247,7 @@ fn a_trajectory_of_another_day_is_not_put_beside_the_wrench() {
     let source = scratch.path().join("a.mcap");
     wrench_recording(&source, HostTime::from_nanos(1_700_000_000_000_000_000));
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..AriaOptions::default()
     };
     let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
@@ -265,7 +265,7 @@ fn a_still_wrench_is_not_aligned_with_moving_glasses() {
     let source = scratch.path().join("a.mcap");
     wrench_recording(&source, HostTime::from_nanos(1_686_767_222_002_923_694));
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..AriaOptions::default()
     };
     let error = import_aria(&source, &folder, &scratch.path().join("b.mcap"), &options);
@@ -450,7 +450,7 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
     let options = AriaOptions {
         align: false,
         starts_at_s: Some(0.5),
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         map: map.clone(),
         ..AriaOptions::default()
     };
@@ -471,6 +471,129 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
         .to_string();
     assert!(
         text.contains("/no/such") && text.contains("/their/wrench"),
+        "{text}"
+    );
+}
+
+/// The rows of [`made_up`], each as `change` makes it of its number (0 for the header) and text.
+fn made_up_as(change: impl Fn(usize, &str) -> String) -> String {
+    let text = made_up("");
+    let lines: Vec<String> = text
+        .lines()
+        .enumerate()
+        .map(|(k, line)| change(k, line))
+        .collect();
+    lines.join("\n")
+}
+
+#[test]
+fn poses_by_a_clock_that_was_set_back_are_not_mixed_with_the_others() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    let start = HostTime::from_nanos(1_700_000_000_000_000_000);
+    wrench_recording(&path("a.mcap"), start);
+    let options = AriaOptions {
+        align: false,
+        starts_at_s: Some(0.5),
+        ..AriaOptions::default()
+    };
+    // From the 300th pose on the glasses' clock is 1.7 s behind.
+    let text = made_up_as(|k, line| {
+        let stamp = 7_000_000 + 10_000 * (k as i64 - 1);
+        match k {
+            301.. => line.replacen(&stamp.to_string(), &(stamp - 1_700_000).to_string(), 1),
+            _ => line.to_owned(),
+        }
+    });
+    let trajectory = path("closed_loop_trajectory.csv");
+    std::fs::write(&trajectory, text).unwrap();
+    let report = import_aria(&path("a.mcap"), &trajectory, &path("b.mcap"), &options).unwrap();
+    assert_eq!((report.poses, report.counts.set_back), (300, 200));
+    assert!(report.lost_data() && !report.to_string().contains("MORE THAN HALF"));
+    assert_eq!(report.counts.moved, 0);
+    assert!(
+        report
+            .to_string()
+            .contains("200 rows left out by a clock that was set back"),
+        "{report}"
+    );
+    let recording = Recording::load(&path("b.mcap"), &TopicMap::default()).unwrap();
+    let x: Vec<f64> = recording
+        .pose
+        .samples
+        .iter()
+        .map(|s| s.value.position[0])
+        .collect();
+    assert!(
+        x.windows(2).all(|pair| pair[1] > pair[0]),
+        "two times are mixed"
+    );
+}
+
+#[test]
+fn an_open_loop_file_of_another_session_says_nothing_of_utc() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    let start = 1_700_000_000_000_000_000_i64;
+    wrench_recording(&path("a.mcap"), HostTime::from_nanos(start));
+    let utc = |late_s: i64| {
+        move |k: usize, line: &str| {
+            let at = start + late_s * 1_000_000_000 + 10_000_000 * k as i64;
+            line.replacen(",-1,", &format!(",{at},"), 1)
+        }
+    };
+    let odometry = |text: String| text.replace("_world_device", "_odometry_device");
+    let options = AriaOptions {
+        align: false,
+        overwrite: true,
+        ..AriaOptions::default()
+    };
+    let import = |closed: String, open: String| {
+        std::fs::write(path("closed_loop_trajectory.csv"), closed).unwrap();
+        std::fs::write(path("open_loop_trajectory.csv"), odometry(open)).unwrap();
+        import_aria(&path("a.mcap"), scratch.path(), &path("b.mcap"), &options)
+    };
+    // Of one session, its utc is taken, be the closed-loop file's there or not.
+    for closed in [made_up_as(utc(0)), made_up("")] {
+        let report = import(closed, made_up_as(utc(0))).unwrap();
+        assert!((report.begins_s - 0.01).abs() < 1e-6, "{report}");
+        assert_eq!(report.not_read, None);
+    }
+    let of_another = |report: &AriaReport, why: &str| {
+        let told = report.not_read.clone().unwrap_or_default();
+        assert!(
+            told.contains("of another session") && told.contains(why),
+            "{report}"
+        );
+        assert!(
+            (report.begins_s - 0.01).abs() < 1e-6,
+            "{} s: {report}",
+            report.begins_s
+        );
+    };
+    // The same stretch of the glasses' clock, another utc; and another stretch.
+    let report = import(made_up_as(utc(0)), made_up_as(utc(4))).unwrap();
+    of_another(&report, "their utc differs by 4.0 s");
+    let later = made_up_as(|k, line| {
+        let stamp = 7_000_000 + 10_000 * (k as i64 - 1);
+        utc(0)(
+            k,
+            &line.replacen(&stamp.to_string(), &(stamp + 10_000_000).to_string(), 1),
+        )
+    });
+    let report = import(made_up_as(utc(0)), later).unwrap();
+    of_another(&report, "by the glasses' clock it is from");
+    // Without utc of its own, no instant of the glasses' clock in common: nothing says when it was.
+    let between = made_up_as(|k, line| {
+        let stamp = 7_000_000 + 10_000 * (k as i64 - 1);
+        utc(0)(
+            k,
+            &line.replacen(&stamp.to_string(), &(stamp + 3_333).to_string(), 1),
+        )
+    });
+    let text = import(made_up(""), between).unwrap_err().to_string();
+    assert!(
+        text.contains("no utc in") && text.contains("--starts-at"),
         "{text}"
     );
 }
@@ -582,7 +705,7 @@ fn poses_and_transforms_that_the_recording_has_are_told_or_kept() {
     assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.4, 0.0, 0.0]);
     // With frames, these two are as they say.
     let options = AriaOptions {
-        frames: Some(frames()),
+        frames: Some(frames().into()),
         ..options
     };
     import_aria(&path("a.mcap"), &trajectory, &path("c.mcap"), &options).unwrap();
@@ -595,4 +718,24 @@ fn poses_and_transforms_that_the_recording_has_are_told_or_kept() {
     let report = check::check(&path("c.mcap")).unwrap();
     assert_eq!(report.topics["/tf_static"].messages, 1);
     assert_eq!(report.topics["/tcp/pose"].messages, 500);
+    // Of those that are not said, the recording's own are taken.
+    let one = SaidFrames {
+        tcp_from_ft_sensor: None,
+        ..frames().into()
+    };
+    let options = AriaOptions {
+        frames: Some(one),
+        ..options
+    };
+    import_aria(&path("a.mcap"), &trajectory, &path("d.mcap"), &options).unwrap();
+    let (_, known) = Recording::load_without_pose(&path("d.mcap"), &TopicMap::default()).unwrap();
+    assert_eq!(
+        known.aria_device_from_tcp.unwrap().position,
+        [0.0, 0.1, -0.2]
+    );
+    assert_eq!(known.tcp_from_ft_sensor.unwrap().position, [0.4, 0.0, 0.0]);
+    // One that nobody says is asked for.
+    let error = import_aria(&path("wrench.mcap"), &trajectory, &path("e.mcap"), &options);
+    let text = error.unwrap_err().to_string();
+    assert!(text.contains("no [frames.tcp_from_ft_sensor]"), "{text}");
 }

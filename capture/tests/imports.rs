@@ -495,6 +495,54 @@ fn a_wrong_stamp_or_another_order_does_not_cost_the_rest_of_a_trajectory() {
 }
 
 #[test]
+fn rows_by_a_clock_that_was_set_back_are_left_out_and_told() {
+    let files = recording("bath", "2-6", PLAIN);
+    let back = |row: &String, ns: i64| {
+        let at = row.split(',').position(|field| field.len() == 19).unwrap();
+        let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
+        fields[at] = (fields[at].parse::<i64>().unwrap() - ns).to_string();
+        fields.join(",")
+    };
+    let poses = with_trajectory(&files, |rows| {
+        for row in &mut rows[1_500..] {
+            *row = back(row, 2_500_000_000);
+        }
+    });
+    let (report, recording) = imported(&poses);
+    assert!(
+        report
+            .to_string()
+            .contains("900 poses left out: by a clock that was set back"),
+        "{report}"
+    );
+    assert_eq!(recording.pose.samples.len(), 1_500);
+    assert!(report.lost_data() && !report.to_string().contains("MORE THAN HALF"));
+    // The wrench, of which the later part is the longer.
+    let mut wrenches = files;
+    let (_, data) = wrenches
+        .iter_mut()
+        .find(|(path, _)| path.ends_with("wrench/data.csv"))
+        .unwrap();
+    let text = String::from_utf8(data.clone()).unwrap();
+    let rows = text.lines().enumerate().map(|(k, row)| match k {
+        501.. => back(&row.to_owned(), 123_456_789),
+        _ => row.to_owned(),
+    });
+    *data = rows.collect::<Vec<_>>().join("\n").into_bytes();
+    let (report, recording) = imported(&wrenches);
+    assert_eq!(
+        (recording.wrench.len(), report.left_out, report.set_back),
+        (700, 500, 500)
+    );
+    assert!(
+        report
+            .to_string()
+            .contains("500 of these are by a clock that was set back"),
+        "{report}"
+    );
+}
+
+#[test]
 fn a_trajectory_of_which_most_is_left_out_is_data_lost() {
     let files = recording("bath", "2-5", PLAIN);
     let files = with_trajectory(&files, |rows| {

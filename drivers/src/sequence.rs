@@ -1,9 +1,12 @@
 //! Gaps, duplicates and restarts, seen by the device's own clock.
 
 use ft_wire::HostTime;
+use ft_wire::pace::longest_by_jitter;
 
 /// Intervals from which the nominal period is learned.
 const LEARNED_FROM: usize = 16;
+/// Latest intervals that show how uneven the stream is.
+const LATEST: usize = 64;
 /// Samples remembered to tell a duplicate from a late one.
 const REMEMBERED: usize = 16;
 /// A device clock that jumps by more than this against the host's was restarted, ns.
@@ -33,7 +36,8 @@ pub(crate) enum Seen {
 ///
 /// The nominal period is the median of the first 16 intervals and then follows slowly; an interval of n periods
 /// shows n - 1 missing samples (a refused frame is such a sample too). The first 16 intervals are judged when the
-/// period is known. Losing more than every second sample from the start is mistaken for a slower stream.
+/// period is known. Losing more than every second sample from the start is mistaken for a slower stream. Of a tracker that delivers
+/// unevenly only intervals count that are longer than its jitter.
 #[derive(Debug)]
 pub(crate) struct Sequence {
     last: Option<i64>,
@@ -42,8 +46,10 @@ pub(crate) struct Sequence {
     recent_at: usize,
     /// Smallest host minus device, ns: how early a stamp can at most be.
     earliest_offset: i64,
-    intervals: [i64; LEARNED_FROM],
+    /// The latest, in any order.
+    intervals: [i64; LATEST],
     intervals_len: usize,
+    intervals_at: usize,
     period_ns: Option<f64>,
     gaps: u64,
     /// Newest and number of a growing run of older samples, and the gaps before it.
@@ -58,8 +64,9 @@ impl Sequence {
             recent_len: 0,
             recent_at: 0,
             earliest_offset: i64::MAX,
-            intervals: [0; LEARNED_FROM],
+            intervals: [0; LATEST],
             intervals_len: 0,
+            intervals_at: 0,
             period_ns: None,
             gaps: 0,
             older_run: None,
@@ -155,31 +162,47 @@ impl Sequence {
     }
 
     fn count_gaps(&mut self, step: i64) {
+        if let Some(slot) = self.intervals.get_mut(self.intervals_at) {
+            *slot = step;
+        }
+        self.intervals_at = (self.intervals_at + 1) % LATEST;
+        self.intervals_len = (self.intervals_len + 1).min(LATEST);
         if let Some(period) = self.period_ns {
-            self.gaps += missing(step, period);
+            self.gaps += self.missing(step, period);
             let deviation = step as f64 - period;
             if deviation.abs() < 0.3 * period {
                 self.period_ns = Some(period + deviation / 64.0);
             }
             return;
         }
-        if let Some(slot) = self.intervals.get_mut(self.intervals_len) {
-            *slot = step;
-        }
-        self.intervals_len += 1;
         if self.intervals_len == LEARNED_FROM {
-            let mut sorted = self.intervals;
-            sorted.sort_unstable();
-            let median = sorted
-                .get(LEARNED_FROM / 2)
-                .map_or(1.0, |step| *step as f64);
+            let mut sorted = [0.0; LATEST];
+            let median = self.sorted(&mut sorted).get(LEARNED_FROM / 2);
+            let median = median.copied().unwrap_or(1.0);
             self.period_ns = Some(median);
-            self.gaps += self
-                .intervals
-                .iter()
-                .map(|step| missing(*step, median))
-                .sum::<u64>();
+            let learned = self.intervals.iter().take(LEARNED_FROM);
+            self.gaps += learned.map(|step| self.missing(*step, median)).sum::<u64>();
         }
+    }
+
+    /// Samples missing in an interval of `step` ns, as far as the stream's jitter does not explain it.
+    fn missing(&self, step: i64, period: f64) -> u64 {
+        let missing = missing(step, period);
+        let mut sorted = [0.0; LATEST];
+        if missing > 0 && step as f64 <= longest_by_jitter(self.sorted(&mut sorted), period) {
+            return 0;
+        }
+        missing
+    }
+
+    /// The latest intervals, ns, from the shortest on.
+    fn sorted<'a>(&self, into: &'a mut [f64; LATEST]) -> &'a [f64] {
+        for (slot, step) in into.iter_mut().zip(self.intervals) {
+            *slot = step as f64;
+        }
+        let latest = into.get_mut(..self.intervals_len).unwrap_or_default();
+        latest.sort_unstable_by(f64::total_cmp);
+        latest
     }
 }
 
@@ -266,6 +289,27 @@ mod tests {
         assert_eq!(sequence.observe(50 * MS, late), Seen::New);
         assert_eq!(sequence.observe(5_990 * MS, late), Seen::New);
         assert_eq!(sequence.gaps(), 5_939);
+    }
+
+    #[test]
+    fn a_tracker_that_delivers_unevenly_has_gaps_where_it_stops_and_not_by_its_jitter() {
+        let mut sequence = Sequence::new();
+        let (mut state, mut at) = (1_u64, 0);
+        let mut deliver = |count: usize, sequence: &mut Sequence| {
+            for _ in 0..count {
+                state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+                // 10 to 50 ms.
+                at += 10 * MS + (state >> 33) as i64 % (40 * MS);
+                sequence.observe(at, HostTime::from_nanos(at + MS));
+            }
+            at += 570 * MS;
+        };
+        deliver(1_000, &mut sequence);
+        assert_eq!(sequence.gaps(), 0);
+        // 20 periods of about 30 ms.
+        deliver(1_000, &mut sequence);
+        let gaps = sequence.gaps();
+        assert!((15..30).contains(&gaps), "{gaps}");
     }
 
     #[test]

@@ -121,24 +121,33 @@ pub struct Swing {
     pub beyond_probed_speed: f64,
 }
 
+/// Refuses a place, rad or m, beyond `ends`, the range of the joint as far as it is known, by more than a hundredth of it: there a twin is
+/// made up.
+///
+/// # Errors
+/// [`SimulateError::Outside`].
+pub fn refuse_outside(twin: &Evaluator, ends: [f64; 2], place: f64) -> Result<(), SimulateError> {
+    let [low, high] = ends;
+    let slack = 1e-6 + 0.01 * (high - low);
+    if place >= low - slack && place <= high + slack {
+        return Ok(());
+    }
+    Err(SimulateError::Outside {
+        kind: twin.kind(),
+        place,
+        low,
+        high,
+    })
+}
+
 /// Lets the joint go. `ends` is the range of the joint as far as it is known ([`crate::twin::TwinJoint::q_range`]): there are no
 /// stops in a twin, and a motion that leaves it ends.
 ///
 /// # Errors
 /// [`SimulateError`].
 pub fn release(twin: &Evaluator, ends: [f64; 2], how: &Release) -> Result<Swing, SimulateError> {
-    let [low, high] = ends;
-    let slack = 1e-6 + 0.01 * (high - low);
-    let within = |place: f64| place >= low - slack && place <= high + slack;
     for place in [how.from, how.until] {
-        if !within(place) {
-            return Err(SimulateError::Outside {
-                kind: twin.kind(),
-                place,
-                low,
-                high,
-            });
-        }
+        refuse_outside(twin, ends, place)?;
     }
     if twin.inertia() <= 0.0 {
         return Err(SimulateError::NoInertia);
@@ -195,7 +204,7 @@ pub fn release(twin: &Evaluator, ends: [f64; 2], how: &Release) -> Result<Swing,
         if state[1] < slowest || state[1] > fastest {
             beyond += taken;
         }
-        if !within(state[0]) {
+        if refuse_outside(twin, ends, state[0]).is_err() {
             break End::Left { time, q: state[0] };
         }
         if steps >= MOST_STEPS {

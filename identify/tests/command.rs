@@ -277,6 +277,14 @@ fn a_twin_is_let_go_exported_and_compared() {
         said(&["simulate", twin, "--open", "200mm", "--limit", "90"], 0)
             .contains("90 N are enough")
     );
+    for more in [&[][..], &["--limit", "90"], &["--json"]] {
+        let beyond = [&["simulate", twin, "--open", "9m"], more].concat();
+        let told = said(&beyond, 1);
+        assert!(
+            told.contains("9.000 m lies outside the range") && !told.contains("takes up to"),
+            "{told}"
+        );
+    }
     assert_eq!(run(&["simulate", twin]).status.code(), Some(2));
     let assets = directory.path().join("assets");
     let assets = assets.to_str().unwrap();

@@ -1,11 +1,11 @@
 """Writes one recording in the extracted layout of the public Hoi! dataset, from plain text files.
 
-usage: write_hoi.py SOURCE BASE LOCATION RANGE [zip]
+usage: write_hoi.py SOURCE BASE LOCATION RANGE [zip] [ppm=PPM]
 
 SOURCE holds wrench.txt (ns fx fy fz tx ty tz), pose.txt (ns px py pz qx qy qz qw, world_from_aria_device) and frames.txt
 (two lines px py pz qx qy qz qw: device_from_tool, tool_from_sensor). The standard library only.
 
-The two devices' stamps are on one clock up to 3.2 ms of rest, the wrench comes at 100 Hz, and the way from the glasses to the
+The two devices' stamps are on one clock up to 3.2 ms of rest (and the glasses' clock is slow by PPM), the wrench comes at 100 Hz, and the way from the glasses to the
 sensor goes over a camera and the sensor's inertial unit, whose poses are made up.
 """
 import json
@@ -78,6 +78,7 @@ def zipped(path, name, data, times_zipped):
 def main():
     source, base, location, span = sys.argv[1:5]
     with_zips = "zip" in sys.argv[5:]
+    slow_ppm = sum(int(word[4:]) for word in sys.argv[5:] if word.startswith("ppm="))
     wrench, poses = rows(f"{source}/wrench.txt"), rows(f"{source}/pose.txt")
     device_from_tool, tool_from_sensor = map(matrix, rows(f"{source}/frames.txt"))
     start = int(wrench[0][0])
@@ -110,7 +111,8 @@ def main():
     )
     lines = [header]
     for row in poses:
-        stamp = int(row[0]) - start + EPOCH_NS + REST_NS
+        since = int(row[0]) - start
+        stamp = since - since * slow_ppm // 10**6 + EPOCH_NS + REST_NS
         values = ",".join(f"{float(value):.9f}" for value in row[1:])
         lines.append(f"ea7288b8-b6a0-012d-8156-257aba6bd796,{stamp},-1,{values},0.0,0.0,-9.81,1.0")
     trajectory_csv = "\n".join(lines) + "\n"

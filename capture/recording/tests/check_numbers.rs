@@ -128,3 +128,44 @@ fn what_nothing_is_known_of_after_ten_seconds_is_not_said() {
         format!("{clock} (at worst 58.9 us after 10 s)")
     );
 }
+
+/// A tracker that delivers when it has something: its stamps are moved as `stamp_ms` makes them of their number.
+fn tracked(stamp_ms: &mut dyn FnMut(i64) -> f64) -> Report {
+    judged(3_000, |sample, _, pose| {
+        let at_ns = at(0).as_nanos() + (1e6 * stamp_ms(sample)).round() as i64;
+        pose.header.stamp = HostTime::from_nanos(at_ns).into();
+    })
+}
+
+#[test]
+fn jitter_is_no_hole_and_a_hole_in_a_jittery_stream_is_one() {
+    let mut state = 9_u64;
+    // Intervals by chance, 1 ms in the mean: 0.02 to 8 ms.
+    let mut interval = move || {
+        state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+        let part = ((state >> 11) as f64 + 1.0) / (1_u64 << 53) as f64;
+        -part.ln().max(-8.0)
+    };
+    let stamps: Vec<f64> = (0..3_000)
+        .scan(0.0, |at, _| {
+            *at += interval();
+            Some(*at)
+        })
+        .collect();
+    let report = tracked(&mut |sample| stamps[sample as usize]);
+    let pose = &report.topics["/tcp/pose"];
+    assert_eq!(pose.holes, 0, "{report}");
+    assert!((pose.coverage.unwrap() - 1.0).abs() < 1e-9, "{report}");
+    // Two pauses of 60 ms.
+    let report = tracked(&mut |sample| {
+        let pauses = [1_000, 2_000]
+            .iter()
+            .filter(|from| sample >= **from)
+            .count();
+        stamps[sample as usize] + 60.0 * pauses as f64
+    });
+    assert_eq!(report.topics["/tcp/pose"].holes, 2, "{report}");
+    // In an even stream a hole of four periods is one, however many there are.
+    let report = tracked(&mut |sample| (sample + 3 * (sample / 5)) as f64);
+    assert_eq!(report.topics["/tcp/pose"].holes, 599, "{report}");
+}

@@ -212,6 +212,47 @@ fn a_wrong_length_costs_one_chunk_only() {
     assert!(damage[0].contains("are no records"), "{damage:?}");
 }
 
+#[test]
+fn damage_in_the_last_chunk_leaves_the_account_behind_it() {
+    for compression in [Compression::Zstd, Compression::None] {
+        let bytes = ours(compression);
+        let (whole, _) = read_messages(&bytes);
+        let last = whole.last().unwrap().ends_at as usize;
+        let in_last = whole.iter().filter(|kept| kept.ends_at as usize == last);
+        let others = whole.len() - in_last.count();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        // The chunk that ends there: its length fits its place.
+        let begin = (0..last - 9).rev().find(|at| {
+            let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
+            bytes[*at] == 6 && (*at as u64).checked_add(9 + length) == Some(last as u64)
+        });
+        let begin = begin.unwrap();
+        // Its opcode, its length, times, sizes and the name of its compression, and packed bytes.
+        let places = (begin..begin + 60).chain((begin + 60..last).step_by(997));
+        for place in places {
+            for wrong in [0x01, 0x80, 0xff] {
+                let mut corrupted = bytes.clone();
+                corrupted[place] ^= wrong;
+                let what = format!("{compression:?}, byte {} of the last chunk", place - begin);
+                let (found, _) = read_messages(&corrupted);
+                assert!(found.len() >= others, "{what}: {} of {others}", found.len());
+                fs::write(&path, &corrupted).unwrap();
+                let report = check::check(&path).unwrap();
+                assert!(report.ledger.contains_key("ft_sensor"), "{what}: {report}");
+                assert!(report.is_complete, "{what}: {report}");
+            }
+        }
+        // A stretch of it is something else altogether.
+        let mut torn = bytes.clone();
+        torn[begin..last].fill(0x5a);
+        fs::write(&path, &torn).unwrap();
+        let report = check::check(&path).unwrap();
+        assert!(report.ledger.contains_key("ft_sensor"), "{report}");
+        assert!(report.lost_data());
+    }
+}
+
 /// The chunk that was open when another recorder was killed: its header is a placeholder.
 #[test]
 fn an_open_chunk_of_another_recorder_is_read_as_far_as_it_goes() {

@@ -12,10 +12,11 @@ use super::{ImportError, io};
 
 mod zip;
 
+use miniz_oxide::inflate::{TINFLStatus, decompress_to_vec_with_limit};
 use zip::{Archive, u16_at, u32_at};
 
-/// Largest file that is unpacked into memory, bytes.
-const LIMIT: usize = 1 << 30;
+/// Largest file that is unpacked into memory, bytes: a quarter of an hour of MPS poses at 1 kHz.
+const LIMIT: usize = 1 << 28;
 /// Zips within zips.
 const DEPTH: usize = 3;
 
@@ -40,10 +41,27 @@ pub fn read(path: &Path) -> Result<Vec<u8>, ImportError> {
     if !is_gzip(&bytes) {
         return Ok(bytes);
     }
-    gunzip(&bytes).ok_or_else(|| ImportError::Content {
+    let refused = |reason| ImportError::Content {
         path: path.to_owned(),
-        reason: "it is packed with gzip and cut short or damaged; fetch it again".to_owned(),
-    })
+        reason,
+    };
+    match gunzip(&bytes) {
+        Ok(unpacked) => Ok(unpacked),
+        Err(Gunzip::TooLarge) => Err(refused(format!(
+            "it is packed with gzip and unpacks to more than {} MiB; unpack it with `gunzip` first, if it is what it should be",
+            LIMIT >> 20
+        ))),
+        Err(Gunzip::Damaged) => Err(refused(
+            "it is packed with gzip and cut short or damaged; fetch it again".to_owned(),
+        )),
+    }
+}
+
+/// Why nothing comes out of gzip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Gunzip {
+    TooLarge,
+    Damaged,
 }
 
 /// Whether a file that begins with `bytes` is packed with gzip.
@@ -51,7 +69,21 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-fn gunzip(bytes: &[u8]) -> Option<Vec<u8>> {
+fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Gunzip> {
+    let (packed, crc) = gzip_parts(bytes).ok_or(Gunzip::Damaged)?;
+    let unpacked = decompress_to_vec_with_limit(packed, LIMIT);
+    let unpacked = unpacked.map_err(|error| match error.status {
+        TINFLStatus::HasMoreOutput => Gunzip::TooLarge,
+        _ => Gunzip::Damaged,
+    })?;
+    match crc32fast::hash(&unpacked) == crc {
+        true => Ok(unpacked),
+        false => Err(Gunzip::Damaged),
+    }
+}
+
+/// What is packed, and its CRC-32.
+fn gzip_parts(bytes: &[u8]) -> Option<(&[u8], u32)> {
     let flags = *bytes.get(3)?;
     if bytes.get(2) != Some(&8) {
         return None;
@@ -70,9 +102,7 @@ fn gunzip(bytes: &[u8]) -> Option<Vec<u8>> {
         at += 2;
     }
     let end = bytes.len().checked_sub(8)?;
-    let unpacked =
-        miniz_oxide::inflate::decompress_to_vec_with_limit(bytes.get(at..end)?, LIMIT).ok()?;
-    (u32_at(bytes, end)? == crc32fast::hash(&unpacked)).then_some(unpacked)
+    Some((bytes.get(at..end)?, u32_at(bytes, end)?))
 }
 
 /// Archives that were looked into, so that each is opened once.

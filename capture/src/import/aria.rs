@@ -20,18 +20,19 @@ use folder::MpsFolder;
 pub use report::AriaReport;
 
 use super::clock_map::ClockMap;
+use super::drift::{self, move_by};
 use super::mps::{MpsPose, Trajectory};
 use super::topics::{add_poses, import_entries};
 use super::{ImportError, plausible};
-use crate::calibrate::{CalibrateOptions, align_recording};
-use crate::config::{Frames, StaticPose};
+use crate::calibrate::{CalibrateOptions, align_recording, free_air_parts};
+use crate::config::{Frames, SaidFrames, StaticPose};
 use crate::gyro::{self, Gyroscope};
 
 /// How to import.
 #[derive(Clone, Debug)]
 pub struct AriaOptions {
-    /// Where the frames stand; else what the recording's `/tf_static` says.
-    pub frames: Option<Frames>,
+    /// Where the frames stand; what is not said here is taken from the recording's `/tf_static`.
+    pub frames: Option<SaidFrames>,
     /// Seconds after the first wrench at which the trajectory begins; else its utc says.
     pub starts_at_s: Option<f64>,
     /// Align by the tool's own wrench.
@@ -98,7 +99,10 @@ pub fn import_aria(
             begins_s,
         });
     }
-    let frames = options.frames.clone().or_else(|| frames_of(&known));
+    let frames = match &options.frames {
+        Some(said) => Some(complete(said, &known, source)?),
+        None => frames_of(&known),
+    };
     recording.pose = PoseTrack {
         frame: TrackedFrame::AriaDevice,
         samples: (0..trajectory.poses.len())
@@ -130,9 +134,14 @@ pub fn import_aria(
             })?)
         }
     };
-    for sample in &mut recording.pose.samples {
-        sample.at = alignment.map_or(sample.at, |alignment| alignment.shifted(sample.at, start));
-    }
+    let mut drift = None;
+    let alignment = alignment.map(|first| {
+        move_by(&mut recording, &first);
+        let parts = free_air_parts(&recording, &options.calibrate);
+        let (alignment, found) = drift::of_aligned(&mut recording, first, &parts);
+        drift = Some(found);
+        alignment
+    });
     let (imu_offsets_ms, calibration_not_read) = folder.imu_offsets();
     let not_read: Vec<String> = open_not_read
         .into_iter()
@@ -160,6 +169,7 @@ pub fn import_aria(
         utc_rms_ms: utc.map(|map| 1e-6 * map.rms_ns),
         begins_s,
         alignment,
+        drift,
         replaced: replaced(&recording, &options.map),
         doubts,
         has_tcp: frames.is_some(),
@@ -193,7 +203,12 @@ fn own_rate(trajectory: &Trajectory) -> Option<gyro::GyroCheck> {
             value: pose.rate,
         })
         .collect();
-    gyro::check(&poses, &rates)
+    // Of one clock.
+    let check = gyro::check(&poses, &rates)?;
+    Some(gyro::GyroCheck {
+        skew_ppm: None,
+        ..check
+    })
 }
 
 /// Poses that the source has, which those of the trajectory replace.
@@ -234,20 +249,46 @@ fn write(
         add_poses(&mut rewrite, topic::TCP_POSE, &tcp);
     }
     // What the recording says itself stays as it is.
-    if let Some(frames) = &options.frames {
+    if let Some(said) = &options.frames {
         let at = recording.wrench[0].at;
-        let device_from_tcp = pose7(&frames.aria_device_from_tcp, source)?;
-        let tcp_from_sensor = pose7(&frames.tcp_from_ft_sensor, source)?;
         for (base, frame, pose) in [
-            (AriaDevice::NAME, Tcp::NAME, device_from_tcp),
-            (Tcp::NAME, FtSensor::NAME, tcp_from_sensor),
+            (AriaDevice::NAME, Tcp::NAME, &said.aria_device_from_tcp),
+            (Tcp::NAME, FtSensor::NAME, &said.tcp_from_ft_sensor),
         ] {
-            rewrite.set_frame(base, frame, pose, &options.map, at);
+            if let Some(pose) = pose {
+                rewrite.set_frame(base, frame, pose7(pose, source)?, &options.map, at);
+            }
         }
     }
     rewrite.metadata(metadata::IMPORT, import_entries("aria", report));
     rewrite.write(Some(source), &report.path, options.overwrite)?;
     Ok(())
+}
+
+/// What is said, and the rest by the recording.
+fn complete(said: &SaidFrames, known: &KnownFrames, source: &Path) -> Result<Frames, ImportError> {
+    let or_known = |said: Option<StaticPose>, known: Option<Pose7>, name: &str| {
+        let pose = said.or_else(|| known.as_ref().map(static_pose));
+        pose.ok_or_else(|| ImportError::Missing {
+            path: source.to_owned(),
+            missing: format!(
+                "no such transform on /tf_static, and --frames has no [frames.{name}]"
+            ),
+            hint: "say it in the file of --frames",
+        })
+    };
+    Ok(Frames {
+        aria_device_from_tcp: or_known(
+            said.aria_device_from_tcp,
+            known.aria_device_from_tcp,
+            "aria_device_from_tcp",
+        )?,
+        tcp_from_ft_sensor: or_known(
+            said.tcp_from_ft_sensor,
+            known.tcp_from_ft_sensor,
+            "tcp_from_ft_sensor",
+        )?,
+    })
 }
 
 fn frames_of(known: &KnownFrames) -> Option<Frames> {

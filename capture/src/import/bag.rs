@@ -17,6 +17,7 @@ mod records;
 use records::{Connection, Records, ScanError, Sink};
 
 use super::mps::SourceFile;
+use super::order::{SET_BACK, in_order};
 use super::topics::{add_rates, add_temperature, add_wrench, import_entries};
 use super::{ImportError, io, plausible};
 
@@ -57,6 +58,8 @@ pub struct BagReport {
     pub samples: [u64; 3],
     /// Of each those that are not finite, not measured, stamped hours away or cannot be decoded.
     pub left_out: [u64; 3],
+    /// Of these, by a clock that was set back, or by the one before it.
+    pub set_back: [u64; 3],
     /// Topics of the temperature's and the inertial unit's name that have another type.
     pub other_types: Vec<String>,
     /// Chunks whose rest was left out, because a record in it does not fit.
@@ -68,10 +71,14 @@ pub struct BagReport {
 }
 
 impl BagReport {
-    /// Whether anything of the bag is missing.
+    /// Whether anything of the bag, wrenches by another clock, or more than half of the wrench, are missing.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
-        self.cut_short || self.damaged_chunks > 0
+        let [wrenches, ..] = self.left_out;
+        self.cut_short
+            || self.damaged_chunks > 0
+            || self.set_back[0] > 0
+            || wrenches > self.samples[0]
     }
 }
 
@@ -83,6 +90,8 @@ struct Wanted<'a, const N: usize> {
     skip: usize,
     samples: Vec<Stamped<[f64; N]>>,
     left_out: u64,
+    /// Of these, by a clock that was set back, or by the one before it.
+    set_back: u64,
 }
 
 impl<'a, const N: usize> Wanted<'a, N> {
@@ -93,12 +102,17 @@ impl<'a, const N: usize> Wanted<'a, N> {
             skip,
             samples: Vec::new(),
             left_out: 0,
+            set_back: 0,
         }
     }
 
-    /// By time, without those that are stamped at another.
+    /// By time, without those that are stamped as another, at another time, or by another clock.
     fn sort(&mut self) {
-        self.samples.sort_by_key(|sample| sample.at);
+        let taken = std::mem::take(&mut self.samples).into_iter();
+        let ordered = in_order(taken.map(|one| (one.at.as_nanos(), one.value)).collect());
+        self.set_back = ordered.set_back;
+        self.left_out += ordered.far + ordered.repeated + ordered.set_back;
+        self.samples = ordered.stamped();
         self.left_out += plausible::leave_out_far(&mut self.samples);
     }
 
@@ -235,6 +249,7 @@ pub fn import_bag(
         source: SourceFile::named(bag, scanned.sha256),
         samples: [wrench.samples.len(), temperatures.len(), rates.len()].map(|n| n as u64),
         left_out: [wrench.left_out, temperature.left_out, imu.left_out],
+        set_back: [wrench.set_back, temperature.set_back, imu.set_back],
         other_types: other_types.collect(),
         damaged_chunks: scanned.damaged_chunks,
         cut_short: scanned.cut_short,
@@ -262,8 +277,13 @@ impl fmt::Display for BagReport {
             if count > 0 {
                 write!(
                     f,
-                    "; {count} {what} left out: not finite, not measured, stamped at another time, or cut short"
+                    "; {count} {what} left out: not finite, not measured, stamped as another or at another time, or cut short"
                 )?;
+            }
+        }
+        for (count, what) in self.set_back.into_iter().zip(names) {
+            if count > 0 {
+                write!(f, "; {count} of these {what} are {SET_BACK}")?;
             }
         }
         for other in &self.other_types {

@@ -13,7 +13,6 @@
 //! # Source
 //! `timengelbracht/hoi-dataset-tools`, commit f60ef16: `data_loader_gripper.py`, `data_loader_aria.py`, `utils_calibration.py`.
 
-mod drift;
 mod pieces;
 mod report;
 mod search;
@@ -28,14 +27,15 @@ use ft_recording::{
 };
 use ft_wire::HostTime;
 
-pub use drift::Drift;
-use drift::with_drift;
 use pieces::Import;
 pub use report::{HoiCalibration, HoiReport};
 pub use search::{HoiPart, HoiParts, parts};
-use weigh::{NoFreeAir, free_air, quiet_bias};
+use weigh::quiet_bias;
 
 use super::archive::Tree;
+pub use super::drift::Drift;
+use super::drift::{move_by, with_drift};
+use super::free_air::{NoFreeAir, free_air};
 use super::topics::{add_poses, add_rates, add_temperature, add_wrench, import_entries, true_at};
 use super::{ImportError, plausible};
 use crate::calibrate::{Alignment, Calibrated};
@@ -62,6 +62,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         missing: Vec::new(),
         not_weighed: None,
         left_out: 0,
+        set_back: 0,
     };
     let wrench = import.wrench()?;
     let trajectory = import.trajectory()?;
@@ -116,11 +117,8 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         }
         (_, alignment) => alignment,
     };
-    let start = recording.wrench[0].at;
-    if let Some(alignment) = alignment {
-        for sample in &mut recording.pose.samples {
-            sample.at = alignment.shifted(sample.at, start);
-        }
+    if let Some(alignment) = &alignment {
+        move_by(&mut recording, alignment);
     }
     let gyro_check = gyro::check(&recording.pose.samples, &recording.angular_rate);
     if gyro_check.is_none() && !recording.angular_rate.is_empty() {
@@ -143,6 +141,7 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
             recording.pose.samples.len() as u64,
         ],
         left_out: import.left_out,
+        set_back: import.set_back,
         counts: trajectory.counts,
         calibration: kind,
         alignment,

@@ -12,18 +12,18 @@ use super::ImportError;
 /// # Errors
 /// It is not there, has not 16 numbers, or is no pose.
 pub fn from_yaml(text: &str, section: &str, key: &str, path: &Path) -> Result<Pose7, ImportError> {
+    let text = plain(text);
     let body =
-        section_of(text, section).ok_or_else(|| wrong(path, &format!("no section {section}")))?;
-    let label = format!("{key}:");
+        section_of(&text, section).ok_or_else(|| wrong(path, &format!("no section {section}")))?;
     let start = body
-        .match_indices(&label)
-        .find(|(at, _)| {
-            body[..*at]
-                .chars()
-                .next_back()
-                .is_none_or(|before| before.is_whitespace() || before == '{' || before == ',')
+        .match_indices(key)
+        .find_map(|(at, _)| {
+            let before = body[..at].chars().next_back();
+            let begins = before.is_none_or(|c| c.is_whitespace() || c == '{' || c == ',');
+            let behind = body[at + key.len()..].trim_start_matches(' ');
+            let value = behind.strip_prefix(':').filter(|_| begins)?;
+            Some(body.len() - value.len())
         })
-        .map(|(at, _)| at + label.len())
         .ok_or_else(|| wrong(path, &format!("no {key} in {section}")))?;
     let mut numbers = Vec::new();
     let separators = |c: char| c.is_whitespace() || matches!(c, '[' | ']' | ',');
@@ -43,15 +43,52 @@ pub fn from_yaml(text: &str, section: &str, key: &str, path: &Path) -> Result<Po
     pose(&numbers, key, path)
 }
 
+/// Without comments and quotes. Of what is quoted, keys and numbers stay: other text may look like anything.
+fn plain(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        let mut rest = line;
+        let mut before = ' ';
+        while let Some(c) = rest.chars().next() {
+            let begins = before.is_whitespace();
+            if c == '#' && begins {
+                break;
+            }
+            let quoted = match c {
+                '"' | '\'' if begins || matches!(before, '[' | '{' | ',' | ':' | '-') => {
+                    rest[1..].split_once(c)
+                }
+                _ => None,
+            };
+            let Some((inner, behind)) = quoted else {
+                out.push(c);
+                (before, rest) = (c, &rest[c.len_utf8()..]);
+                continue;
+            };
+            if behind.trim_start_matches(' ').starts_with(':') || inner.parse::<f64>().is_ok() {
+                out.push_str(inner);
+            }
+            (before, rest) = (c, behind);
+        }
+        if !out.ends_with('\n') {
+            out.push('\n');
+        }
+    }
+    out
+}
+
 /// The lines below `section:` up to the next line that begins in the first column.
 fn section_of<'a>(text: &'a str, section: &str) -> Option<&'a str> {
-    let label = format!("{section}:");
+    let value = |line: &str| {
+        let behind = line.strip_prefix(section)?.trim_start_matches(' ');
+        Some(line.len() - behind.strip_prefix(':')?.len())
+    };
     let mut at = 0;
     let mut start = None;
     for line in text.split_inclusive('\n') {
         let begins = !line.starts_with([' ', '\t', '#', '\n', '\r', '-']);
         match start {
-            None if line.starts_with(&label) => start = Some(at + label.len()),
+            None => start = value(line).map(|behind| at + behind),
             Some(start) if begins => return text.get(start..at),
             _ => {}
         }
@@ -134,6 +171,22 @@ mod tests {
         assert_eq!(pose.position, [0.1, -2.0, 3.0]);
         let [x, y, _] = pose.rotate([1.0, 0.0, 0.0]);
         assert!(x.abs() < 1e-9 && (y - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn comments_and_quotes_are_understood() {
+        let text = "%YAML:1.0\n---\n# cam2: of last year, T_cam_imu: [[9]]\n\"cam2\" :  # the glasses' camera\n  # T_cam_imu: [[0, 0, 0, 7]]\n  \
+                    note: \"T_cam_imu: not here # nor here\"\n  hint: it's T_cam_imu that is wanted\n  'T_cam_imu' :   # m\n  - [1.0, 0, 0, \"0.1\"]   # x\n\
+                    # a line between\n  - [0, 1.0, 0, '-2']  # y: 3\n\n  - [0, 0, 1.0,\n     3 ] # z\n  - [0, 0, 0, 1]\ncam3: {}\n";
+        let pose = from_yaml(text, "cam2", "T_cam_imu", Path::new("a.yaml")).unwrap();
+        assert_eq!(pose.position, [0.1, -2.0, 3.0]);
+        // Nothing of what is quoted or commented out is a section or a key.
+        let of = |section, key| from_yaml(text, section, key, Path::new("a.yaml")).unwrap_err();
+        assert_eq!(of("hint", "T").to_string(), "a.yaml: no section hint");
+        assert_eq!(of("cam2", "T_x").to_string(), "a.yaml: no T_x in cam2");
+        let flow = "{}# x\ncam2: {'T': [[1,0,0,4],[0,1,0,5],[0,0,1,6],[0,0,0,1]], \"b\": 'x'}\n";
+        let pose = from_yaml(flow, "cam2", "T", Path::new("a.yaml")).unwrap();
+        assert_eq!(pose.position, [4.0, 5.0, 6.0]);
     }
 
     #[test]

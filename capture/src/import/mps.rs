@@ -72,6 +72,8 @@ pub struct TrajectoryCounts {
     pub moved: u64,
     /// Rows that, put in their places, are not later than the one before: left out.
     pub not_later: u64,
+    /// Rows by a clock that was set back, or by the one before it, whichever are fewer: left out.
+    pub set_back: u64,
     /// Rows whose quaternion is no rotation, whose numbers are not finite, or that were cut short: left out.
     pub no_pose: u64,
     /// Length of the first quaternion that is none; 1 is expected.
@@ -91,10 +93,20 @@ pub struct TrajectoryCounts {
 }
 
 impl TrajectoryCounts {
-    /// Whether more than half of the rows are left out for another reason than a quality that was asked for.
+    /// Whether rows by another clock, or more than half of the rows, are left out for another reason than a quality that was asked for.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
-        let lost = self.no_stamp + self.far + self.not_later + self.no_pose + self.other_world;
+        self.set_back > 0 || self.lost_most()
+    }
+
+    /// Whether more than half of the rows are.
+    pub(super) const fn lost_most(&self) -> bool {
+        let lost = self.no_stamp
+            + self.far
+            + self.not_later
+            + self.set_back
+            + self.no_pose
+            + self.other_world;
         2 * lost > self.rows
     }
 
@@ -233,11 +245,13 @@ impl Trajectory {
     }
 
     fn finish(mut self, up: &Upright) -> Result<Self, ImportError> {
-        let stamped = self.poses.iter().map(|pose| (pose.device_ns, *pose));
+        let poses = std::mem::take(&mut self.poses).into_iter();
+        let stamped = poses.map(|pose| (pose.device_ns, pose));
         let ordered = in_order(stamped.collect());
         self.counts.far = ordered.far;
         self.counts.moved = ordered.moved;
         self.counts.not_later = ordered.repeated;
+        self.counts.set_back = ordered.set_back;
         self.poses = ordered.rows.into_iter().map(|(_, pose)| pose).collect();
         let turn = up.turn();
         self.counts.turned_deg = turn.rotation_deg;

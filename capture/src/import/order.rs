@@ -1,11 +1,22 @@
-//! Rows by their stamps, without those that are stamped at another time.
+//! Rows by their stamps, without those that are stamped at another time or by a clock that was set back.
+
+use ft_recording::Stamped;
+use ft_wire::HostTime;
 
 use super::plausible::keep_near;
+
+mod runs;
+
+use runs::one_clock;
 
 /// A hole that parts groups of rows, ns.
 const HOLE_NS: i64 = 10_000_000_000;
 /// Fewer rows than this with holes around them show no motion: their stamps are wrong.
 const MIN_GROUP: usize = 20;
+
+/// What to do about rows of another clock.
+pub(super) const SET_BACK: &str = "by a clock that was set back, or by the one before: of two times in one file the longer is kept; \
+                                   cut the file where the clock was set back to import each";
 
 /// Rows by their stamps, and what became of the others.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,15 +29,31 @@ pub(super) struct Ordered<T> {
     pub(super) moved: u64,
     /// Rows of the stamp of another, of which the first of the file is kept: left out.
     pub(super) repeated: u64,
+    /// Rows by a clock that was set back, or by the one before it, whichever are fewer: left out.
+    pub(super) set_back: u64,
 }
 
-/// Puts rows with their stamps, ns, in order; those of one stamp as they stand.
+impl<T> Ordered<T> {
+    /// The rows as samples.
+    pub(super) fn stamped(self) -> Vec<Stamped<T>> {
+        let rows = self.rows.into_iter();
+        rows.map(|(at, value)| Stamped {
+            at: HostTime::from_nanos(at),
+            value,
+        })
+        .collect()
+    }
+}
+
+/// Puts rows with their stamps, ns, in order; those of one stamp as they stand. Of several clocks, which would be mixed, the one with
+/// most rows is taken.
 pub(super) fn in_order<T>(rows: Vec<(i64, T)>) -> Ordered<T> {
     let mut places: Vec<(i64, usize, T)> = rows
         .into_iter()
         .enumerate()
         .map(|(place, (at, row))| (at, place, row))
         .collect();
+    let set_back = one_clock(&mut places);
     places.sort_by_key(|(at, _, _)| *at);
     let all = places.len();
     // First: many rows of one wrong stamp are no majority.
@@ -38,7 +65,8 @@ pub(super) fn in_order<T>(rows: Vec<(i64, T)>) -> Ordered<T> {
     Ordered {
         far: (later - places.len()) as u64,
         moved: moved as u64,
-        repeated: (all - later) as u64,
+        repeated: (all - later) as u64 + set_back.repeated,
+        set_back: set_back.left_out,
         rows: places.into_iter().map(|(at, _, row)| (at, row)).collect(),
     }
 }
@@ -84,6 +112,7 @@ mod tests {
             far: 0,
             moved: 0,
             repeated: 0,
+            set_back: 0,
         }
     }
 
@@ -131,5 +160,65 @@ mod tests {
         let few: Vec<_> = (1..4).map(|k| (k * 60_000_000_000, 0)).collect();
         assert_eq!(in_order(few.clone()), whole(few));
         assert_eq!(in_order(Vec::new()), whole(Vec::new()));
+    }
+
+    /// The rows, from number `from` on by a clock that is `back` ns behind.
+    fn set_back(from: usize, back: i64) -> Vec<(i64, usize)> {
+        let mut some = rows();
+        some[from..].iter_mut().for_each(|row| row.0 -= back);
+        some
+    }
+
+    #[test]
+    fn two_clocks_are_not_mixed() {
+        // By whole periods, by parts of one, by a few periods, to 2 s before the others, and to where the clock began.
+        for back in [
+            1_500_000_000,
+            1_500_300_000,
+            6_500_000,
+            12_000_000,
+            7_000_000_000,
+            100_000_000_000,
+        ] {
+            for (from, kept) in [(2_000, 2_000..5_000), (3_000, 0..3_000)] {
+                let found = in_order(set_back(from, back));
+                let numbers: Vec<_> = found.rows.iter().map(|row| row.1).collect();
+                assert_eq!(numbers, kept.clone().collect::<Vec<_>>(), "{back} {from}");
+                assert_eq!(found.set_back, 5_000 - kept.len() as u64, "{back}");
+                assert_eq!((found.moved, found.repeated, found.far), (0, 0, 0));
+            }
+        }
+    }
+
+    #[test]
+    fn rows_that_are_late_are_no_clock_that_was_set_back() {
+        let mut some = set_back(3_000, 1_500_300_000);
+        // One late by some rows on either side, and one of another time where the clock was set back.
+        some.swap(500, 520);
+        some.swap(4_000, 4_030);
+        some[2_999].0 = 125_500_000_000;
+        let found = in_order(some);
+        assert_eq!((found.rows.len(), found.set_back), (3_000, 2_000));
+        assert_eq!(found.moved, 2);
+    }
+
+    #[test]
+    fn parts_of_one_clock_in_another_order_are_put_together() {
+        let all = rows();
+        let parts = [&all[3_000..], &all[..1_000], &all[1_000..3_000]].concat();
+        let found = in_order(parts);
+        assert_eq!((found.rows, found.set_back), (rows(), 0));
+        assert!(found.moved >= 2_000);
+        // One of the rows again, between the parts.
+        let parts = [&all[3_000..], &all[5..6], &all[..3_000]].concat();
+        let found = in_order(parts);
+        assert_eq!((found.rows, found.set_back, found.repeated), (rows(), 0, 1));
+        // As a recorder that writes two buffers by turns does.
+        let mut buffers = rows();
+        for pair in buffers.chunks_mut(100) {
+            pair.rotate_left(50);
+        }
+        let found = in_order(buffers);
+        assert_eq!((found.rows, found.set_back), (rows(), 0));
     }
 }

@@ -26,6 +26,9 @@ pub struct Table {
 /// Instants after this are taken for damage, ns: the year 2096. What is computed with stamps up to here does not overflow.
 pub(super) const LAST_INSTANT: i64 = 4_000_000_000_000_000_000;
 
+/// Rows of a table that may come out of an archive: half an hour of poses at 1 kHz.
+const MOST_ROWS: usize = 2_000_000;
+
 /// A column of a [`Table`].
 #[derive(Clone, Copy, Debug)]
 pub struct Column(usize);
@@ -42,18 +45,18 @@ impl Table {
         if is_gzip(file.fill_buf().map_err(io("read", path))?) {
             return Self::from_bytes(&read(path)?, path);
         }
-        Self::from_reader(file, path)
+        Self::from_reader(file, path, usize::MAX)
     }
 
-    /// Reads `bytes` that `path` is said to hold.
+    /// Reads `bytes` that `path` is said to hold; they may come out of an archive.
     ///
     /// # Errors
-    /// As [`Table::open`].
+    /// As [`Table::open`], and more than two million rows: little may be unpacked to very many.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, ImportError> {
-        Self::from_reader(bytes, path)
+        Self::from_reader(bytes, path, MOST_ROWS)
     }
 
-    fn from_reader(source: impl Read, path: &Path) -> Result<Self, ImportError> {
+    fn from_reader(source: impl Read, path: &Path, most: usize) -> Result<Self, ImportError> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .flexible(true)
@@ -112,6 +115,12 @@ impl Table {
                 return Err(error);
             }
             let line = row.position().map_or(0, csv::Position::line);
+            if table.len() == most {
+                return Err(table.refusal(
+                    line,
+                    format!("more than {most} rows; cut the table into parts"),
+                ));
+            }
             if row.len() == table.columns.len() {
                 table.push(&row, line)?;
                 continue;
@@ -439,6 +448,17 @@ mod tests {
                 .unwrap_err()
                 .to_string()
                 .contains("line 3: b is \"yy\"")
+        );
+    }
+
+    #[test]
+    fn more_rows_than_memory_should_hold_are_refused() {
+        let text = "1\n".repeat(MOST_ROWS);
+        assert_eq!(table(&format!("a\n{text}")).unwrap().len(), MOST_ROWS);
+        let message = table(&format!("a\n{text}1\n")).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "a.csv line 2000002: more than 2000000 rows; cut the table into parts"
         );
     }
 

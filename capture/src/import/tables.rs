@@ -20,8 +20,8 @@ use super::ImportError;
 use super::mps::SourceFile;
 use super::table::{Column, Table};
 use super::topics::{add_poses, add_wrench, import_entries, true_at};
-use crate::config::Frames;
-use crate::encode::static_transforms;
+use crate::config::SaidFrames;
+use crate::encode::said_transforms;
 
 /// Rows at a rate begin here, because nothing says when they were: 2020-01-01 00:00:00 UTC.
 const UNKNOWN_BEGIN: HostTime = HostTime::from_nanos(1_577_836_800_000_000_000);
@@ -59,8 +59,8 @@ pub struct TableOptions {
     pub pose_columns: Option<[String; 7]>,
     /// The sensor reports what the tool does to the environment: turn the signs round.
     pub negate_wrench: bool,
-    /// Where the tool is on the glasses, and the sensor on the tool; else nothing is said of it.
-    pub frames: Option<Frames>,
+    /// Where the sensor is on the tool, and the tool on the glasses; of what is not said here nothing is said.
+    pub frames: Option<SaidFrames>,
     /// The tool's weight and the sensor's bias, found before.
     pub calibration: Option<Calibration>,
     /// Replace an existing recording.
@@ -119,7 +119,7 @@ pub fn import_tables(
     add_poses(&mut rewrite, topic::TCP_POSE, &track);
     if let Some(frames) = &options.frames {
         let start = samples.first().map_or(UNKNOWN_BEGIN, |sample| sample.at);
-        let transforms = static_transforms(frames, start);
+        let transforms = said_transforms(frames, start);
         rewrite.add(
             topic::TF_STATIC,
             Qos::LATCHED,
@@ -155,9 +155,13 @@ fn named<const N: usize>(
 }
 
 impl TablesReport {
-    /// Whether more than half of a table's rows are missing.
+    /// Whether rows by another clock, or more than half of a table's rows, are missing.
     #[must_use]
     pub fn lost_data(&self) -> bool {
+        self.lost_most() || self.counts.iter().any(|counts| counts.set_back > 0)
+    }
+
+    fn lost_most(&self) -> bool {
         let mut tables = self.counts.iter();
         tables.any(|counts| 2 * counts.left_out() > counts.rows)
     }
@@ -196,7 +200,7 @@ impl fmt::Display for TablesReport {
                 )?;
             }
         }
-        if self.lost_data() {
+        if self.lost_most() {
             write!(f, "\n  MORE THAN HALF of the rows of a table are left out")?;
         }
         for doubt in &self.doubts {

@@ -31,6 +31,7 @@ pub mod hid;
 pub mod kunwei_kwr75;
 pub mod leptrino;
 pub mod optoforce_hex;
+pub mod pace;
 pub mod pose_stream;
 pub mod robotous_rft;
 pub mod stream;

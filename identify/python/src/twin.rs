@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ft_identify::export::{Scene, Target, export};
-use ft_identify::simulate::{End, Opening, Release, demand, release, shortest};
+use ft_identify::simulate::{End, Opening, Release, demand, refuse_outside, release, shortest};
 use ft_identify::twin::{Evaluator, Outside, Twin as Identified};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::IntoPyArray;
@@ -287,6 +287,7 @@ impl Twin {
             to,
             duration: within,
         };
+        refuse_outside(&self.evaluator, self.twin.joint.q_range, to).map_err(impossible)?;
         let needed = demand(&self.evaluator, &opening);
         let out = PyDict::new(py);
         if let Some(limit) = limit {

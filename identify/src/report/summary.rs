@@ -128,8 +128,8 @@ impl Report {
                 "lacked     {}: {before:.3} -> {after:.3} {unit} ({share_before:.1} -> {share_after:.1} %)",
                 effect.name
             );
-            for [before, after] in &effect.confirm_rms {
-                let _ = write!(out, ", confirmed {before:.3} -> {after:.3}");
+            for pair in &effect.confirm_rms {
+                let _ = write!(out, ", {}", confirmation(*pair));
             }
             if !effect.ambiguous_with.is_empty() {
                 let _ = write!(out, "; or {}", effect.ambiguous_with.join(", "));
@@ -205,4 +205,32 @@ pub fn with_std(value: f64, std: f64) -> String {
         3
     };
     format!("{value:.digits$} ± {std:.digits$}")
+}
+
+/// An error on a confirming recording that falls by less says nothing for an effect.
+const LEAST_FALL: f64 = 0.01;
+
+/// What a confirming recording says of an effect by its error there before and after. Where that hardly falls, the effect was kept because
+/// it helps beside those that were added after it, or because it can hardly be seen there.
+fn confirmation([before, after]: [f64; 2]) -> String {
+    if after <= (1.0 - LEAST_FALL) * before {
+        format!("confirmed {before:.3} -> {after:.3}")
+    } else {
+        format!("elsewhere {before:.3} -> {after:.3}, which does not confirm it by itself")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_that_does_not_fall_confirms_nothing() {
+        assert_eq!(confirmation([18.1, 9.0]), "confirmed 18.100 -> 9.000");
+        for after in [18.4, 18.1, 18.05] {
+            let said = confirmation([18.1, after]);
+            assert!(!said.contains("confirmed"), "{said}");
+            assert!(said.contains("does not confirm it by itself"), "{said}");
+        }
+    }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use ft_wire::HostTime;
+use ft_wire::pace::longest_by_jitter;
 use serde::Serialize;
 
 use super::look::{Look, Numbers};
@@ -36,7 +37,7 @@ pub struct TopicReport {
     pub interval_p99_s: Option<f64>,
     /// Sequence numbers that did not come; 0 when the writer does not count.
     pub missing_sequences: u64,
-    /// Times between neighbouring stamps of more than three medians.
+    /// Times between neighbouring stamps of more than three medians, and longer than the stream's own jitter explains.
     pub holes: u64,
     /// The longest time between neighbouring stamps, s.
     pub longest_interval_s: Option<f64>,
@@ -138,7 +139,7 @@ impl Extreme {
     }
 }
 
-/// A hole is longer than this many median intervals.
+/// A hole is longer than this many median intervals, however even the stream is.
 const HOLE_INTERVALS: f64 = 3.0;
 
 impl Stream {
@@ -222,7 +223,7 @@ impl Stream {
         intervals.sort_unstable_by(f64::total_cmp);
         let median = percentile(&intervals, 50);
         let hole = median
-            .map(|median| HOLE_INTERVALS * median)
+            .map(|median| (HOLE_INTERVALS * median).max(longest_by_jitter(&intervals, median)))
             .filter(|hole| *hole > 0.0);
         let holes = hole.map_or(0, |hole| {
             intervals

@@ -104,7 +104,7 @@ impl<R: Read + Seek> RecordReader<R> {
         let from = self.belief.search_from(self.offset);
         self.belief.suspect_from = None;
         let at = self.position;
-        match self.find_chunk(from)? {
+        match self.find_next(from)? {
             Some(found) => self.skip_garbage(found)?,
             None => self.seek_to(at)?,
         }

@@ -4,12 +4,12 @@ use std::io::{self, Read, Seek};
 
 use super::chunk::{LIMIT, Unpacked, unpack};
 use super::damage::DamageKind;
-use super::record::{CHUNK, ChunkHeader, MESSAGE};
+use super::record::{CHUNK, ChunkHeader, MESSAGE, METADATA};
 use super::{FRAME, RecordReader, frame};
 
 /// A chunk record with more behind its content has a wrong length.
 const MAX_PADDING: u64 = 4096;
-/// No chunk's frame and header are longer, bytes.
+/// No chunk's frame and header are longer, bytes, nor a metadata record's frame, name and length.
 pub(super) const CHUNK_START: usize = 9 + ChunkHeader::MIN_LENGTH + ChunkHeader::MAX_NAME;
 /// How much of the file is looked at in one go for the next chunk.
 const SCAN_WINDOW: usize = 1 << 16;
@@ -95,7 +95,7 @@ impl<R: Read + Seek> RecordReader<R> {
 
     /// The chunk at the end of a file that was cut, or that was being written: gives the whole records in it.
     fn read_cut_chunk(&mut self, header: &ChunkHeader, left: u64) -> io::Result<()> {
-        if let Some(found) = self.find_chunk(self.offset + 1)? {
+        if let Some(found) = self.find_next(self.offset + 1)? {
             return self.skip_garbage(found);
         }
         self.seek_to(self.offset + FRAME)?;
@@ -116,14 +116,14 @@ impl<R: Read + Seek> RecordReader<R> {
         Ok(())
     }
 
-    /// Looks for the next chunk behind a place that is no record.
+    /// Looks for the next chunk or metadata behind a place that is no record.
     pub(super) fn resync(&mut self) -> io::Result<()> {
         self.resync_from(self.offset + 1)
     }
 
     /// As [`Self::resync`], from a place that may lie before: inside of a damaged chunk, which may be longer than it is.
     pub(super) fn resync_from(&mut self, from: u64) -> io::Result<()> {
-        match self.find_chunk(from)? {
+        match self.find_next(from)? {
             Some(found) => self.skip_garbage(found),
             None => {
                 self.end(DamageKind::Garbage {
@@ -144,8 +144,9 @@ impl<R: Read + Seek> RecordReader<R> {
         self.seek_to(to)
     }
 
-    /// Where the next chunk at or behind `from` begins, judged by its header.
-    pub(super) fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
+    /// Where the next chunk or metadata record at or behind `from` begins, judged by its header: behind the last chunk stands the
+    /// account of all streams.
+    pub(super) fn find_next(&mut self, from: u64) -> io::Result<Option<u64>> {
         let overlap = CHUNK_START;
         let mut start = from;
         while start < self.length {
@@ -153,9 +154,9 @@ impl<R: Read + Seek> RecordReader<R> {
             self.read_body((SCAN_WINDOW as u64).min(self.length - start))?;
             let found = (0..self.body.len()).find(|at| {
                 let left = self.length - start - *at as u64;
-                self.body
-                    .get(*at..)
-                    .is_some_and(|bytes| looks_like_chunk(bytes, left))
+                self.body.get(*at..).is_some_and(|bytes| {
+                    looks_like_chunk(bytes, left) || looks_like_metadata(bytes, left)
+                })
             });
             if let Some(at) = found {
                 return Ok(Some(start + at as u64));
@@ -170,7 +171,7 @@ impl<R: Read + Seek> RecordReader<R> {
 
     /// A record that claims to go on behind the end of the file: cut there, or its length is wrong.
     pub(super) fn cut_record(&mut self, opcode: u8, left: u64) -> io::Result<()> {
-        match self.find_chunk(self.offset + 1)? {
+        match self.find_next(self.offset + 1)? {
             Some(found) => self.skip_garbage(found),
             None => {
                 self.end(DamageKind::Truncated {
@@ -231,4 +232,24 @@ pub(super) fn looks_like_chunk(bytes: &[u8], left: u64) -> bool {
         && header.length.checked_add(header.compressed_size) == Some(length)
         && left.checked_sub(FRAME).is_some_and(|left| length <= left)
         && header.uncompressed_size <= LIMIT
+}
+
+/// Whether a metadata record begins here, of which all is in the `left` bytes of the file, and whose lengths fit each other.
+fn looks_like_metadata(bytes: &[u8], left: u64) -> bool {
+    let Some((METADATA, length)) = frame(bytes) else {
+        return false;
+    };
+    let word = |at: usize| {
+        let word = bytes.get(at..)?.first_chunk()?;
+        Some(u32::from_le_bytes(*word))
+    };
+    let name = word(9).and_then(|length| usize::try_from(length).ok());
+    let name = name.filter(|length| (1..=ChunkHeader::MAX_NAME).contains(length));
+    let Some(name) = name.and_then(|length| bytes.get(13..13 + length)) else {
+        return false;
+    };
+    let map = word(13 + name.len()).map(u64::from);
+    name.iter().all(u8::is_ascii_graphic)
+        && map.is_some_and(|map| 8 + name.len() as u64 + map == length)
+        && left.checked_sub(FRAME).is_some_and(|left| length <= left)
 }

@@ -31,8 +31,8 @@ pub(crate) const CHECK_EXAMPLES: &str = "Examples:
   ft-capture check bag.mcap --map /imu=/ft/imu          compare a gyroscope's turns with the poses' (if it has the wrench's clock)
   ft-capture check door.mcap --retime better.mcap       device clocks smoothed over the whole recording, into a new one
 
-Columns: gaps = numbers that did not come, holes = times of more than three medians, dupl. = repeated messages, late = stamped before
-one that came earlier, same = values that repeat under a new stamp, cover% = time that is in no hole.
+Columns: gaps = numbers that did not come, holes = times of more than three medians that the stream's own jitter does not explain,
+dupl. = repeated messages, late = stamped before one that came earlier, same = values that repeat under a new stamp, cover% = time that is in no hole.
 Exit codes: 0 nothing is known to be missing, 1 it cannot be read, 3 data was lost or a needed topic is missing.";
 
 /// Of `recover`.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ft_capture::calibrate::CalibrateOptions;
-use ft_capture::config::{ConfigError, Frames, load_calibration};
+use ft_capture::config::{ConfigError, SaidFrames, load_calibration};
 use ft_capture::import::aria::{AriaOptions, import_aria};
 use ft_capture::import::bag::{BagTopics, import_bag};
 use ft_capture::import::hoi;
@@ -22,8 +22,9 @@ const ARIA_EXAMPLES: &str = "Examples:
   ft-capture import-aria rec.mcap --mps mps/ --starts-at 38.5 -o door.mcap      no utc, or a wrong one: 38.5 s after the first wrench, +-10 s
 
 The offset between the glasses and the wrench is found from the free air (marks free_air_begin and grasp): shake and turn
-the tool there for 10 s. --no-align keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the
-result: /ft/imu, or another name by --map /their/imu=/ft/imu.";
+the tool there for 10 s, and for 6 s after the release too: both show how the clocks drift apart, and that is taken out. --no-align
+keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the result: /ft/imu, or another name by
+--map /their/imu=/ft/imu.";
 
 /// What to import.
 #[derive(Debug, Args)]
@@ -37,7 +38,7 @@ pub(crate) struct AriaArguments {
     /// The new recording
     #[arg(short, long, value_name = "FILE.mcap")]
     output: PathBuf,
-    /// A capture.toml, or another file, with both [frames] [default: the recording's /tf_static]
+    /// A capture.toml, or another file, with [frames]; what it does not say is taken from the recording's /tf_static
     #[arg(long, value_name = "FILE.toml")]
     frames: Option<PathBuf>,
     /// Seconds after the first wrench at which the trajectory begins [default: by utc]
@@ -103,7 +104,7 @@ fn quality(text: &str) -> Result<f64, String> {
 
 /// Carries `import-aria` out.
 pub(crate) fn aria(arguments: &AriaArguments) -> CommandResult {
-    let frames = of_file("--frames", arguments.frames.as_deref(), Frames::load)?;
+    let frames = of_file("--frames", arguments.frames.as_deref(), SaidFrames::load)?;
     let options = AriaOptions {
         frames,
         starts_at_s: arguments.starts_at,
@@ -278,7 +279,7 @@ pub(crate) struct CsvArguments {
     /// The sensor reports what the tool does to the environment: turn the signs round
     #[arg(long)]
     negate: bool,
-    /// Where the sensor is on the tool: a file with both [frames]
+    /// Where the sensor is on the tool: a file with [frames.tcp_from_ft_sensor]
     #[arg(long, value_name = "FILE.toml")]
     frames: Option<PathBuf>,
     /// The tool's weight and the sensor's bias: a file with [calibration]
@@ -327,7 +328,7 @@ pub(crate) fn csv(arguments: &CsvArguments) -> CommandResult {
         wrench_columns: names(&arguments.wrench_columns, "--wrench-columns")?,
         pose_columns: names(&arguments.pose_columns, "--pose-columns")?,
         negate_wrench: arguments.negate,
-        frames: of_file("--frames", arguments.frames.as_deref(), Frames::load)?,
+        frames: of_file("--frames", arguments.frames.as_deref(), SaidFrames::load)?,
         calibration: of_file(
             "--calibration",
             arguments.calibration.as_deref(),

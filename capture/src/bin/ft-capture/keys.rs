@@ -28,6 +28,9 @@ pub(crate) struct KeysArguments {
     /// Name or address by which the capture is reached
     #[arg(long, value_parser = host)]
     host: Vec<String>,
+    /// Port on which the capture will listen: for the commands that are printed, the keys are the same for all
+    #[arg(long, value_name = "PORT", default_value_t = 7447, value_parser = clap::value_parser!(u16).range(1..))]
+    port: u16,
     /// Who may look and command [default: operator]
     #[arg(long, value_name = "NAME")]
     operator: Vec<String>,
@@ -64,13 +67,14 @@ pub(crate) fn run(arguments: &KeysArguments) -> CommandResult {
     };
     keys::make(&arguments.output, &arguments.host, &roles)?;
     let folder = arguments.output.display();
+    let port = arguments.port;
     let host = arguments.host.first().map_or("127.0.0.1", String::as_str);
     say(&format!(
-        "capture: ft-capture --keys {folder}/capture --listen tls/0.0.0.0:7447"
+        "capture: ft-capture --keys {folder}/capture --listen tls/0.0.0.0:{port}"
     ))?;
     for name in roles.operators.iter().chain(&roles.viewers) {
         say(&format!(
-            "{name}: take {folder}/{name} there, then ft-view --keys {name} --connect tls/{host}:7447"
+            "{name}: take {folder}/{name} there, then ft-view --keys {name} --connect tls/{host}:{port}"
         ))?;
     }
     Ok(Outcome::Fine)

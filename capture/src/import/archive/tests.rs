@@ -235,3 +235,51 @@ fn an_inner_archive_that_says_it_is_longer_than_the_outer_is_refused() {
         );
     }
 }
+
+#[test]
+fn what_unpacks_to_more_than_memory_should_hold_is_refused_before_it_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = b"0,0,0,0,0,0,0\n".repeat((LIMIT + 1_000_000) / 14 + 1);
+    let path = folder.path().join("a.csv.gz");
+    let packed = gzipped(&rows);
+    assert!(packed.len() < 4_000_000);
+    std::fs::write(&path, packed).unwrap();
+    let text = read(&path).unwrap_err().to_string();
+    assert!(
+        text.contains("unpacks to more than 256 MiB") && text.contains("gunzip"),
+        "{text}"
+    );
+    let zip = zipped(&[("wrench/data.csv", &rows)], Style::Deflated);
+    drop(rows);
+    assert!(zip.len() < 4_000_000);
+    let path = folder.path().join("wrench.zip");
+    std::fs::write(&path, &zip).unwrap();
+    let find = || Tree::default().find(folder.path(), &["wrench", "data.csv"]);
+    let text = find().unwrap_err().to_string();
+    assert!(
+        text.contains("wrench/data.csv unpacks to 256 MiB") && text.contains("unzip"),
+        "{text}"
+    );
+    // One that says it is small ends where it said.
+    let mut lies = zip;
+    let central = lies
+        .windows(4)
+        .rposition(|four| four == b"PK\x01\x02")
+        .unwrap();
+    lies[central + 24..central + 28].copy_from_slice(&1_000_u32.to_le_bytes());
+    std::fs::write(&path, &lies).unwrap();
+    let text = find().unwrap_err().to_string();
+    assert!(
+        text.contains("longer than the 1000 bytes it says"),
+        "{text}"
+    );
+    // An archive within one, which would fill the disk.
+    let inner = zipped(
+        &[("wrench/data.csv", &vec![0; LIMIT + 1_000_000])],
+        Style::Stored,
+    );
+    std::fs::write(&path, zipped(&[("wrench.zip", &inner)], Style::Deflated)).unwrap();
+    drop(inner);
+    let text = find().unwrap_err().to_string();
+    assert!(text.contains("more than a hundred times"), "{text}");
+}

@@ -25,6 +25,8 @@ const CENTRAL: u32 = 0x0201_4b50;
 const LOCAL: u32 = 0x0403_4b50;
 /// Largest directory that is read: a million files.
 const MOST_DIRECTORY: u64 = 1 << 28;
+/// An archive in an archive is not packed to a smaller part.
+const MOST_PACKED: u64 = 100;
 /// What is read and unpacked at a time, bytes.
 const PIECE: usize = 1 << 16;
 
@@ -32,6 +34,8 @@ const PIECE: usize = 1 << 16;
 enum ZipError {
     Io(std::io::Error),
     Broken(String),
+    /// What is, and what to do.
+    TooLarge(String),
 }
 
 impl From<std::io::Error> for ZipError {
@@ -44,6 +48,10 @@ impl ZipError {
     fn of(self, path: &Path) -> ImportError {
         match self {
             Self::Io(source) => super::io("read", path)(source),
+            Self::TooLarge(reason) => ImportError::Content {
+                path: path.to_owned(),
+                reason,
+            },
             Self::Broken(reason) => ImportError::Content {
                 path: path.to_owned(),
                 reason: format!("{reason}; fetch the archive again or unpack it with `unzip`"),
@@ -131,9 +139,10 @@ impl Archive {
         let unpack = || {
             let entry = self.entry(name)?;
             if entry.size > LIMIT as u64 {
-                return Err(ZipError::Broken(format!(
-                    "{name} has {} bytes, at most {LIMIT} are unpacked",
-                    entry.size
+                return Err(ZipError::TooLarge(format!(
+                    "{name} unpacks to {} MiB, at most {} are unpacked into memory; unpack the archive with `unzip` first, if it is what it should be",
+                    entry.size >> 20,
+                    LIMIT >> 20
                 )));
             }
             let mut bytes = Vec::new();
@@ -167,6 +176,14 @@ impl Archive {
                     path: path.clone(),
                     window,
                 });
+            }
+            // What an archive holds is packed already: no more than some per cent are gained by packing it once more.
+            if entry.size > LIMIT as u64 && entry.size / MOST_PACKED > entry.packed {
+                return Err(ZipError::TooLarge(format!(
+                    "it unpacks to {} MiB, more than a hundred times what it is packed to, as no archive does; unpack it with `unzip` first, \
+                     if it is what it should be",
+                    entry.size >> 20
+                )));
             }
             let mut file = tempfile::tempfile()?;
             entry.copy(&self.window, &mut |piece| file.write_all(piece))?;

@@ -1,12 +1,52 @@
 //! Files of an MPS folder.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::import::archive::read;
 use crate::import::clock_map::ClockMap;
 use crate::import::mps::{SourceFile, Trajectory, TrajectoryKind};
 use crate::import::{ImportError, io};
+
+/// Both files of a session cover its whole time; so much of the shorter one may be missing from the other.
+const MAX_OUTSIDE: f64 = 0.5;
+/// The staircase of the closed-loop file's utc is 0.1 s high; files that are farther apart are of two sessions, ns.
+const MAX_UTC_APART_NS: u64 = 500_000_000;
+/// Both files of a session have poses at the same instants of the glasses' clock, to 1 us; of two sessions one in a thousand agrees by
+/// chance.
+const MIN_SAME: f64 = 0.02;
+
+/// Why two trajectories are not of one session of the glasses; `None` when they seem to be.
+fn other_session(closed: &Trajectory, open: &Trajectory) -> Option<String> {
+    let span = |of: &Trajectory| {
+        let poses = &of.poses;
+        Some((poses.first()?.device_ns, poses.last()?.device_ns))
+    };
+    let ((a, b), (c, d)) = (span(closed)?, span(open)?);
+    let shared = b.min(d).saturating_sub(a.max(c)).max(0) as f64;
+    let shorter = (b - a).min(d - c) as f64;
+    if shared < (1.0 - MAX_OUTSIDE) * shorter {
+        return Some(format!(
+            "by the glasses' clock it is from {:.1} to {:.1} s, the other from {:.1} to {:.1} s",
+            1e-9 * c as f64,
+            1e-9 * d as f64,
+            1e-9 * a as f64,
+            1e-9 * b as f64
+        ));
+    }
+    if let (Some(of_closed), Some(of_open)) = (closed.utc_map(), open.utc_map()) {
+        let middle = a.max(c).midpoint(b.min(d));
+        let apart = of_closed.at(middle).abs_diff(of_open.at(middle));
+        return (apart > MAX_UTC_APART_NS)
+            .then(|| format!("their utc differs by {:.1} s", 1e-9 * apart as f64));
+    }
+    let stamps: BTreeSet<i64> = open.poses.iter().map(|pose| pose.device_ns).collect();
+    let within = closed.poses.iter().map(|pose| pose.device_ns);
+    let within: Vec<i64> = within.filter(|at| (c..=d).contains(at)).collect();
+    let same = within.iter().filter(|at| stamps.contains(at)).count();
+    ((same as f64) < MIN_SAME * within.len() as f64)
+        .then(|| format!("{same} of {} instants are those of the other", within.len()))
+}
 
 /// The trajectories and the online calibration of an MPS folder.
 pub(super) struct MpsFolder {
@@ -72,14 +112,23 @@ impl MpsFolder {
             })
     }
 
-    /// By the open-loop file, whose utc has no steps, when it has one; else by the trajectory's own, and what was wrong with the
-    /// open-loop file.
+    /// By the open-loop file, whose utc has no steps, when it has one and is of the same session; else by the trajectory's own, and what
+    /// was wrong with the open-loop file.
     pub(super) fn utc_map(&self, trajectory: &Trajectory) -> (Option<ClockMap>, Option<String>) {
         let mut wrong = None;
         if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind) {
-            match Trajectory::open(open, 0.0).map(|open| open.utc_map()) {
-                Ok(Some(map)) => return (Some(map), None),
-                Ok(None) => {}
+            match Trajectory::open(open, 0.0) {
+                Ok(open) => match (open.utc_map(), other_session(trajectory, &open)) {
+                    (Some(_), Some(why)) => {
+                        wrong = Some(format!(
+                            "{} is of another session than {}: {why}; its utc is not used: put the files of one session into the folder",
+                            open.path.display(),
+                            trajectory.path.display()
+                        ));
+                    }
+                    (Some(map), None) => return (Some(map), None),
+                    (None, _) => {}
+                },
                 Err(error) => wrong = Some(error.to_string()),
             }
         }

@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use crate::calibrate::Alignment;
 use crate::gyro::{GyroCheck, Gyroscope};
+use crate::import::drift::Drift;
 use crate::import::mps::{SourceFile, TrajectoryCounts, TrajectoryKind};
+use crate::import::order::SET_BACK;
 
 /// What was imported.
 #[derive(Clone, Debug, Serialize)]
@@ -29,6 +31,8 @@ pub struct AriaReport {
     pub begins_s: f64,
     /// What the tool's own wrench adds to that; none when it was not asked.
     pub alignment: Option<Alignment>,
+    /// How the clocks drift apart over the recording; none without an alignment.
+    pub drift: Option<Drift>,
     /// Poses that the source recording had, by topic: they are not in the new one.
     pub replaced: BTreeMap<String, u64>,
     /// What looks like other units.
@@ -47,7 +51,7 @@ pub struct AriaReport {
 }
 
 impl AriaReport {
-    /// Whether more than half of the trajectory is missing.
+    /// Whether a stretch by another clock, or more than half of the trajectory, is missing.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
         self.counts.lost_data()
@@ -82,6 +86,9 @@ impl fmt::Display for AriaReport {
                 "{} rows stamped at another time than the most left out",
                 counts.far
             )?;
+        }
+        if counts.set_back > 0 {
+            writeln!(f, "{} rows left out {SET_BACK}", counts.set_back)?;
         }
         if counts.moved > 0 {
             writeln!(f, "{} rows put in order by their stamps", counts.moved)?;
@@ -133,6 +140,9 @@ impl fmt::Display for AriaReport {
                 "not aligned: the times are those of utc or --starts-at, which may be seconds off"
             )?,
         }
+        if let Some(drift) = &self.drift {
+            writeln!(f, "{drift}")?;
+        }
         if let Some(gyroscope) = &self.gyroscope {
             writeln!(f, "{gyroscope}")?;
         }
@@ -165,7 +175,7 @@ impl fmt::Display for AriaReport {
                 "no /tcp/pose: nothing says where the tool is on the glasses (--frames)"
             )?;
         }
-        if self.lost_data() {
+        if counts.lost_most() {
             writeln!(f, "MORE THAN HALF of the trajectory's rows are left out")?;
         }
         write!(f, "from")?;

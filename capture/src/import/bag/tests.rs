@@ -201,3 +201,23 @@ fn a_stamp_of_1970_is_left_out_and_counted() {
     assert_eq!(stamps, [1_700_000_000, 1_700_000_001]);
     assert_eq!(wanted.left_out, 1);
 }
+
+#[test]
+fn wrenches_by_a_clock_that_was_set_back_are_left_out_and_counted() {
+    let mut wanted = Wanted::<1>::new("/w", WRENCH_TYPE, 0);
+    for k in 0..1_000_u32 {
+        let ms = if k < 600 { 10 * k } else { 10 * k - 3_005 };
+        let (second, nanos) = (1_700_000_000 + ms / 1_000, ms % 1_000 * 1_000_000);
+        let mut data = [k, second, nanos, 0].map(u32::to_le_bytes).concat();
+        data.extend(f64::from(k).to_le_bytes());
+        wanted.take(&data);
+    }
+    wanted.sort();
+    let numbers: Vec<f64> = wanted
+        .samples
+        .iter()
+        .map(|sample| sample.value[0])
+        .collect();
+    assert_eq!(numbers, (0..600).map(f64::from).collect::<Vec<_>>());
+    assert_eq!((wanted.left_out, wanted.set_back), (400, 400));
+}

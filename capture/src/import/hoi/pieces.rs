@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use ft_recording::Stamped;
-use ft_wire::HostTime;
 
 use super::{BAG, HoiPart, VRS};
 use crate::config::Frames;
@@ -13,7 +12,6 @@ use crate::import::clock_map::median;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
 use crate::import::order::in_order;
-use crate::import::plausible::leave_out_far;
 use crate::import::table::Table;
 use crate::import::{ImportError, hex};
 
@@ -27,6 +25,8 @@ pub(super) struct Import<'a> {
     pub(super) not_weighed: Option<String>,
     /// Wrenches that are not finite, cut short, or stamped as another or at another time.
     pub(super) left_out: u64,
+    /// Of these, wrenches by a clock that was set back, or by the one before it.
+    pub(super) set_back: u64,
 }
 
 /// Median time between wrenches that is believed, s.
@@ -133,11 +133,9 @@ impl Import<'_> {
                 samples.push((at, value));
             }
         }
-        let stamped = |(at, value)| Stamped {
-            at: HostTime::from_nanos(at),
-            value,
-        };
-        let samples: Vec<_> = in_order(samples).rows.into_iter().map(stamped).collect();
+        let ordered = in_order(samples);
+        self.set_back = ordered.set_back;
+        let samples = ordered.stamped();
         self.left_out = (table.len() - samples.len()) as u64 + table.cut_rows();
         if samples.len() < 2 {
             return Err(ImportError::Content {
@@ -167,16 +165,12 @@ impl Import<'_> {
             let table = Table::from_bytes(&found.bytes, &found.path)?;
             let (time, value) = (table.column("timestamp")?, table.column("temperature")?);
             let sample = |row| {
-                let at = table.instant(row, time, 1)?.map(HostTime::from_nanos);
-                let value = table.float(row, value)?;
-                let sample = at.filter(|_| value.is_finite());
-                Ok(sample.map(|at| Stamped { at, value }))
+                let (at, value) = (table.instant(row, time, 1)?, table.float(row, value)?);
+                Ok(at.filter(|_| value.is_finite()).map(|at| (at, value)))
             };
             let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
-            let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
-            samples.sort_by_key(|sample| sample.at);
-            leave_out_far(&mut samples);
-            Ok(samples)
+            let samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
+            Ok(in_order(samples).stamped())
         };
         Ok(read().unwrap_or_else(|error: ImportError| {
             self.missing.push(format!("{what} ({error})"));
@@ -210,17 +204,13 @@ impl Import<'_> {
                 "angular_velocity.z",
             ])?;
             let sample = |row| {
-                let at = table.instant(row, time, 1)?.map(HostTime::from_nanos);
-                let value = table.numbers(row, rate)?;
+                let (at, value) = (table.instant(row, time, 1)?, table.numbers(row, rate)?);
                 let at = at.filter(|_| value.iter().all(|rate| rate.is_finite()));
-                Ok(at.map(|at| Stamped { at, value }))
+                Ok(at.map(|at| (at, value)))
             };
             let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
-            let mut samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
-            samples.sort_by_key(|sample| sample.at);
-            samples.dedup_by_key(|sample| sample.at);
-            leave_out_far(&mut samples);
-            Ok(samples)
+            let samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
+            Ok(in_order(samples).stamped())
         };
         Ok(read().unwrap_or_else(|error: ImportError| {
             self.missing.push(format!("{what} ({error})"));

@@ -9,6 +9,7 @@ use super::Drift;
 use crate::calibrate::Alignment;
 use crate::gyro::GyroCheck;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
+use crate::import::order::SET_BACK;
 
 /// What became of a recording.
 #[derive(Clone, Debug, Serialize)]
@@ -21,6 +22,8 @@ pub struct HoiReport {
     pub samples: [u64; 2],
     /// Wrenches that have an empty field, are not finite or cut short, or are stamped as another, not at all, or hours away.
     pub left_out: u64,
+    /// Of these, wrenches by a clock that was set back, or by the one before it.
+    pub set_back: u64,
     /// What the trajectory has and what of it was left out.
     pub counts: TrajectoryCounts,
     /// Where the calibration comes from.
@@ -62,10 +65,14 @@ pub enum HoiCalibration {
 }
 
 impl HoiReport {
-    /// Whether more than half of the wrench or of the trajectory is missing.
+    /// Whether a stretch by another clock, or more than half, of the wrench or of the trajectory is missing.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
-        self.left_out > self.samples[0] || self.counts.lost_data()
+        self.set_back > 0 || self.counts.lost_data() || self.lost_most()
+    }
+
+    const fn lost_most(&self) -> bool {
+        self.left_out > self.samples[0] || self.counts.lost_most()
     }
 }
 
@@ -86,6 +93,9 @@ impl fmt::Display for HoiReport {
                 self.left_out
             )?;
         }
+        if self.set_back > 0 {
+            write!(f, "\n  {} of these are {SET_BACK}", self.set_back)?;
+        }
         let counts = &self.counts;
         let poses = [
             (
@@ -93,6 +103,7 @@ impl fmt::Display for HoiReport {
                 "of other worlds (graph_uid or session_uid)",
             ),
             (counts.not_later, "not later than the one before"),
+            (counts.set_back, SET_BACK),
             (counts.no_pose, "without a rotation, or with an empty field"),
             (counts.no_stamp, "without a stamp"),
             (counts.far, "stamped at another time than the most"),
@@ -107,7 +118,7 @@ impl fmt::Display for HoiReport {
         if counts.moved > 0 {
             write!(f, "\n  {} poses put in order by their stamps", counts.moved)?;
         }
-        if self.lost_data() {
+        if self.lost_most() {
             write!(
                 f,
                 "\n  MORE THAN HALF of the rows of the wrench or the trajectory are left out"

@@ -3,12 +3,11 @@
 use std::fmt;
 
 use ft_recording::{Pose7, Stamped};
-use ft_wire::HostTime;
 use serde::Serialize;
 
 use super::RowTime;
 use crate::import::ImportError;
-use crate::import::order::in_order;
+use crate::import::order::{SET_BACK, in_order};
 use crate::import::table::{LAST_INSTANT, Table};
 
 /// What became of a table's rows.
@@ -24,6 +23,8 @@ pub struct RowCounts {
     pub far: u64,
     /// Rows that, put in their places, are not later than the one before: left out.
     pub not_later: u64,
+    /// Rows by a clock that was set back, or by the one before it, whichever are fewer: left out.
+    pub set_back: u64,
     /// Rows whose quaternion has a length that is not near 1: left out.
     pub no_rotation: u64,
     /// Length of the first such quaternion.
@@ -36,7 +37,7 @@ impl RowCounts {
     /// All rows that are left out.
     #[must_use]
     pub const fn left_out(&self) -> u64 {
-        self.no_value + self.no_stamp + self.far + self.not_later + self.no_rotation
+        self.no_value + self.no_stamp + self.far + self.not_later + self.set_back + self.no_rotation
     }
 
     /// A pose of these numbers, if they are one.
@@ -81,14 +82,8 @@ impl RowCounts {
         counts.far = ordered.far;
         counts.moved = ordered.moved;
         counts.not_later = ordered.repeated;
-        let samples: Vec<_> = ordered
-            .rows
-            .into_iter()
-            .map(|(at, value)| Stamped {
-                at: HostTime::from_nanos(at),
-                value,
-            })
-            .collect();
+        counts.set_back = ordered.set_back;
+        let samples = ordered.stamped();
         if samples.is_empty() {
             return Err(ImportError::Content {
                 path: table.path().to_owned(),
@@ -130,6 +125,7 @@ impl fmt::Display for RowCounts {
             ),
             (self.far, "stamped at another time than the most"),
             (self.not_later, "not later than the one before"),
+            (self.set_back, SET_BACK),
         ];
         let mut texts: Vec<String> = parts
             .into_iter()

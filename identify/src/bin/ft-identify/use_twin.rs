@@ -6,7 +6,9 @@ use clap::{Args, ValueEnum};
 use ft_identify::export::{self, export};
 use ft_identify::output::refuse_existing;
 use ft_identify::screw::JointKind;
-use ft_identify::simulate::{Opening, Release, demand, page, release, said, shortest};
+use ft_identify::simulate::{
+    Opening, Release, demand, page, refuse_outside, release, said, shortest,
+};
 use ft_identify::twin::Twin;
 
 use crate::UseError;
@@ -151,6 +153,7 @@ impl Simulate {
             duration: self.within,
         };
         let evaluator = twin.evaluator();
+        refuse_outside(&evaluator, twin.joint.q_range, opening.to)?;
         let needed = demand(&evaluator, &opening);
         tell_left_out(twin);
         let radius = twin.radius();

@@ -1,11 +1,11 @@
-//! The drift between the clocks, from the free air before the grasp and that after the release.
+//! The drift between the clocks of poses and wrench, from the free air before the grasp and that after the release.
 
 use std::fmt;
 
-use ft_recording::{Pose7, Recording, Stamped};
+use ft_recording::Recording;
 use serde::Serialize;
 
-use super::weigh::free_air;
+use super::free_air::free_air;
 use crate::calibrate::Alignment;
 use crate::gyro;
 
@@ -39,9 +39,8 @@ pub enum Drift {
     Unknown {
         /// From the middle of that to the end of the recording, s.
         after_s: f64,
-        /// What the two halves of the recording differ by when the sensor's gyroscope is held against the poses, ppm; none where it shows
-        /// nothing.
-        gyroscope_ppm: Option<f64>,
+        /// By how much the poses' clock is slow by the sensor's gyroscope, ppm, and one standard deviation; none where it shows nothing.
+        gyroscope_ppm: Option<[f64; 2]>,
     },
 }
 
@@ -63,11 +62,62 @@ pub(super) fn with_drift(
         None => {
             let drift = Drift::Unknown {
                 after_s: end_s - first.at_s,
-                gyroscope_ppm: by_halves(recording),
+                gyroscope_ppm: gyro::check(&recording.pose.samples, &recording.angular_rate)
+                    .and_then(|check| check.skew_ppm),
             };
             (first, drift)
         }
     }
+}
+
+/// Moves the poses' stamps as an alignment says.
+pub(super) fn move_by(recording: &mut Recording, alignment: &Alignment) {
+    let Some(start) = recording.wrench.first().map(|first| first.at) else {
+        return;
+    };
+    for sample in &mut recording.pose.samples {
+        sample.at = alignment.shifted(sample.at, start);
+    }
+}
+
+/// As [`with_drift`], of a recording whose poses were moved by `found`, which is over all of `parts` in free air; a drift that is taken
+/// out moves them once more.
+pub(super) fn of_aligned(
+    recording: &mut Recording,
+    found: Alignment,
+    parts: &[(f64, f64)],
+) -> (Alignment, Drift) {
+    if let Some([ppm, std_ppm]) = found.skew_ppm {
+        return (found, Drift::Taken { ppm, std_ppm });
+    }
+    let until_s = parts.first().map_or(found.at_s, |part| part.1);
+    let left = Alignment {
+        offset_s: 0.0,
+        ..found
+    };
+    // What is over several parts is true in none of them.
+    let first = match parts {
+        [(from_s, to_s), _, ..] => free_air(recording, *from_s, *to_s)
+            .ok()
+            .and_then(|found| found.alignment),
+        _ => None,
+    };
+    let (rest, drift) = with_drift(recording, first.unwrap_or(left), until_s);
+    if !matches!(drift, Drift::Taken { .. }) {
+        return (found, drift);
+    }
+    move_by(recording, &rest);
+    let offset_s = found.offset_s + rest.offset_s;
+    let reach = NORMAL_95 * rest.std_s;
+    let alignment = Alignment {
+        offset_s,
+        interval_s: [offset_s - reach, offset_s + reach],
+        std_s: rest.std_s,
+        skew_ppm: rest.skew_ppm,
+        at_s: rest.at_s,
+        ..found
+    };
+    (alignment, drift)
 }
 
 /// The offset in the longest free air at the end that begins after `until_s`; the tool may be laid down before the end.
@@ -106,19 +156,6 @@ fn between(first: Alignment, later: Alignment) -> (Alignment, Drift) {
     (aligned, Drift::Taken { ppm, std_ppm })
 }
 
-/// What the gyroscope says of the first half of the poses and of the second.
-fn by_halves(recording: &Recording) -> Option<f64> {
-    let poses = &recording.pose.samples;
-    let (early, late) = poses.split_at(poses.len() / 2);
-    let offset_ms = |half: &[Stamped<Pose7>]| {
-        let check = gyro::check(half, &recording.angular_rate)?;
-        Some(check.offset_ms)
-    };
-    let time_s = late.first()?.at.seconds_since(early.first()?.at);
-    let apart_ms = offset_ms(late)? - offset_ms(early)?;
-    (time_s > 0.0).then(|| 1e3 * apart_ms / time_s)
-}
-
 impl fmt::Display for Drift {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -141,9 +178,9 @@ impl fmt::Display for Drift {
                     1e-3 * USUAL_PPM * after_s
                 )?;
                 match gyroscope_ppm {
-                    Some(ppm) => write!(
+                    Some([ppm, std_ppm]) => write!(
                         f,
-                        "; by the sensor's gyroscope in both halves it is about {ppm:+.0} ppm, which is not taken out"
+                        "; by the gyroscope it is {ppm:+.1} +-{std_ppm:.1} ppm, which is not taken out"
                     ),
                     None => Ok(()),
                 }

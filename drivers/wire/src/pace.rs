@@ -1,0 +1,63 @@
+//! How even a stream is: what of the times between its samples is jitter, and what a gap.
+
+/// Times between samples that stay so near to whole periods (root mean square, in periods) are even: samples that are missing show there
+/// as two periods, or more.
+const EVEN: f64 = 0.15;
+/// Of an uneven stream nine times in ten are no longer than a certain one; a gap is longer than the period by so many times what that
+/// one is. Of intervals by pure chance one in 20 000 is.
+const REACH: f64 = 6.0;
+
+/// The longest time between two samples that the jitter of their stream explains, in the unit of `sorted`, the times between neighbours
+/// from the shortest on; 0 for a stream that is even about its `period`, where any time explains itself.
+///
+/// A tracker that delivers when it has something, and not by a clock, loses nothing by that. What it does lose can be told only where the
+/// gap is longer than its own jitter.
+#[must_use]
+pub fn longest_by_jitter(sorted: &[f64], period: f64) -> f64 {
+    if sorted.is_empty() || period.is_nan() || period <= 0.0 {
+        return 0.0;
+    }
+    let off = |interval: &f64| {
+        let periods = interval / period;
+        (periods - periods.round()).powi(2)
+    };
+    let uneven = (sorted.iter().map(off).sum::<f64>() / sorted.len() as f64).sqrt();
+    let usual = sorted.get(sorted.len() * 9 / 10).copied().unwrap_or(period);
+    if uneven <= EVEN {
+        return 0.0;
+    }
+    period + REACH * (usual - period).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sorted(mut intervals: Vec<f64>) -> Vec<f64> {
+        intervals.sort_unstable_by(f64::total_cmp);
+        intervals
+    }
+
+    #[test]
+    fn an_even_stream_explains_no_gap_however_many_it_has() {
+        for every in [2, 5, 50] {
+            let gap = |k: usize| if k % every == 0 { 3.0 } else { 1.0 };
+            let wobble = |k: usize| 0.02 * ((7 * k % 11) as f64 - 5.0);
+            let intervals = (0..500).map(|k| gap(k) + wobble(k));
+            assert_eq!(longest_by_jitter(&sorted(intervals.collect()), 1.0), 0.0);
+        }
+        assert_eq!(longest_by_jitter(&[], 1.0), 0.0);
+        assert_eq!(longest_by_jitter(&[0.0, 0.0], 0.0), 0.0);
+    }
+
+    #[test]
+    fn the_jitter_of_an_uneven_stream_is_no_gap() {
+        // 0.5 to 1.5, and by pure chance.
+        let uniform: Vec<_> = (0..500).map(|k| 0.5 + (k as f64 + 0.5) / 500.0).collect();
+        let longest = longest_by_jitter(&sorted(uniform), 1.0);
+        assert!((1.5..4.0).contains(&longest), "{longest}");
+        let chance = (0..500).map(|k| -((f64::from(k) + 0.5) / 500.0).ln());
+        let longest = longest_by_jitter(&sorted(chance.collect()), core::f64::consts::LN_2);
+        assert!((9.0..12.0).contains(&longest), "{longest}");
+    }
+}
