@@ -30,7 +30,6 @@ const CONTAIN: [(&str, &str); 7] = [
 
 impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
-        self.reform()?;
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
         if self.fit()?.held_out_rms > 1.02 * before {

@@ -232,6 +232,7 @@ impl State {
         } else {
             self.add_best(&choice, p_value, &seen)?;
         }
+        self.reform()?;
         self.swap()?;
         self.prune()?;
         Ok(self.effects.len() < MOST_EFFECTS)
@@ -307,6 +308,7 @@ impl State {
             self.ground.curve = curve;
             self.given_up.clear();
         }
+        self.reform()?;
         self.swap()?;
         self.prune()?;
         Ok(true)
