@@ -171,6 +171,7 @@ mod tests {
             manufacturer: "FTDI\n[[device]]".to_owned(),
             product_name: "Serial".to_owned(),
             serial_number: "A1".to_owned(),
+            interface: Some(0),
             driver: String::new(),
             latency_timer_ms: None,
             permitted: true,
