@@ -326,3 +326,18 @@ fn frames_that_are_short_or_foreign_are_told_apart() {
     let counts = bench.device.counts();
     assert_eq!((counts.refused, counts.skipped), (1, 1));
 }
+
+#[test]
+fn a_bus_that_is_never_quiet_is_told_without_a_stop_that_was_not_sent() {
+    let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
+    for _ in 0..40 {
+        bench.advance_ms(100);
+        answer(&mut bench, 0);
+    }
+    let complaint = &bench.complaints()[0];
+    assert!(
+        complaint.contains("nothing was asked for 3s and frames still come, from another program"),
+        "{complaint}"
+    );
+    assert_eq!(bench.sent, []);
+}
