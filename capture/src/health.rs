@@ -228,6 +228,7 @@ impl DeviceHealth {
             pair("gaps", ledger.gaps),
             pair("drops", ledger.drops),
             pair("refused", ledger.refused),
+            pair("overflows", ledger.overflows),
             pair("duplicated", ledger.duplicated),
             pair("overrange", ledger.overrange),
             pair("invalid", ledger.invalid),

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use ft_drivers::device::Counted;
 use ft_drivers::discover::RememberedPort;
 use ft_drivers::hid_axis::HidFrame;
-use ft_drivers::link::can_port::CanPort;
+use ft_drivers::link::can_port::CanName;
 use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::link::serial::SerialLink;
@@ -91,6 +91,11 @@ impl Spawn<'_> {
     }
 }
 
+fn wont_open(device: &Device, source: LinkError) -> SessionError {
+    let device = device.name.clone();
+    SessionError::Link { device, source }
+}
+
 impl DriverUser for Spawn<'_> {
     type Output = Result<JoinHandle<()>, SessionError>;
 
@@ -114,15 +119,22 @@ impl DriverUser for Spawn<'_> {
         })
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        ids: Vec<u16>,
+        usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {
         let (port, clock) = (self.device.port.clone(), self.clock);
         match self.connection {
             Connection::Configured | Connection::Network(_) => {
+                let mut bus =
+                    CanName::parse(&port).map_err(|error| wont_open(self.device, error))?;
                 Self::start(self.device, self.thread, make, move || {
-                    CanPort::open(&port, &ids, clock)
+                    bus.open(&ids, usual_bps, clock)
                 })
             }
             #[cfg(feature = "sim")]
@@ -272,7 +284,12 @@ where
         )
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, _ids: Vec<u16>) -> Self::Output
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        _ids: Vec<u16>,
+        _usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {

@@ -33,8 +33,13 @@ pub trait DriverUser {
     where
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static;
 
-    /// For drivers on CAN that listen to `ids`.
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    /// For drivers on CAN that listen to `ids`; `usual_bps` is the bit rate of their device unless the port says another.
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        ids: Vec<u16>,
+        usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static;
 
@@ -80,7 +85,8 @@ pub fn with_driver<U: DriverUser>(
                 ..Default::default()
             };
             let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
-            Ok(user.can(move || robotous_can::RobotousCan::new(config), listened))
+            let make = move || robotous_can::RobotousCan::new(config);
+            Ok(user.can(make, listened, robotous_can::BITRATE_BPS))
         }
         Driver::RobotousUart => {
             let settings: RobotousSettings = read(device)?;
@@ -110,7 +116,7 @@ pub fn with_driver<U: DriverUser>(
                 .can_config(startup)
                 .map_err(|what| wrong(device, what))?;
             let make = move || optoforce_can::OptoforceCan::new(config);
-            Ok(user.can(make, vec![settings.data_id]))
+            Ok(user.can(make, vec![settings.data_id], optoforce_can::BITRATE_BPS))
         }
         Driver::KunweiKwr75 => {
             let settings: sensors::Kunwei = read(device)?;
@@ -132,7 +138,8 @@ pub fn with_driver<U: DriverUser>(
                 .config(startup)
                 .map_err(|what| wrong(device, what))?;
             let make = move || ati_netcanoem::AtiNetcanoem::new(config);
-            Ok(user.can(make, settings.ids()))
+            let usual_bps = ati_netcanoem::FACTORY_BITRATE_BPS;
+            Ok(user.can(make, settings.ids(), usual_bps))
         }
         Driver::Dynamixel => {
             let settings: encoders::Dynamixel = read(device)?;

@@ -29,6 +29,9 @@ use crate::options::{Sign, Startup};
 use crate::reading::{Counts, DeviceEvent, Identity, Reading, SampleInstant, WrenchReading};
 use crate::stages::{Due, Polling, Stages, Timing, quality};
 
+/// Bit rate of the bus as the factory sets it, bit/s.
+pub const FACTORY_BITRATE_BPS: u32 = 250_000;
+
 /// How to find and poll the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -407,8 +410,8 @@ impl Counted for AtiNetcanoem {
             received: self.stages.received(),
             gaps: self.stages.missed(),
             refused: self.refused,
-            duplicated: 0,
             skipped: self.skipped,
+            ..Counts::default()
         }
     }
 }

@@ -281,7 +281,7 @@ impl fmt::Display for CanInterface {
         if !self.up {
             write!(
                 f,
-                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100",
+                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)",
                 self.name
             )?;
         }

@@ -127,6 +127,8 @@ pub struct Counts {
     pub duplicated: u64,
     /// Bytes or frames that belong to no known frame, skipped while searching.
     pub skipped: u64,
+    /// Frames for which the kernel or the adapter had no room ([`crate::Link::overflows`]); at least so many.
+    pub overflows: u64,
 }
 
 impl std::ops::Add for Counts {
@@ -138,6 +140,7 @@ impl std::ops::Add for Counts {
             refused: self.refused + other.refused,
             duplicated: self.duplicated + other.duplicated,
             skipped: self.skipped + other.skipped,
+            overflows: self.overflows + other.overflows,
         }
     }
 }
