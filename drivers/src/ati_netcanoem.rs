@@ -115,6 +115,23 @@ impl Scale {
         false
     }
 
+    /// For the recording: the calibration in use, one unit of the board, and the rows of the matrix, `;` between them.
+    fn told(&self, calibration: u8) -> Option<Vec<(&'static str, String)>> {
+        let ([force, torque], [newtons, newton_metres]) =
+            (self.counts_per_unit?, self.si_per_unit?);
+        let row = |row: &[f64; 6]| row.map(|element| element.to_string()).join(" ");
+        let rows: Vec<_> = self.rows.iter().map(row).collect();
+        Some(vec![
+            ("calibration", calibration.to_string()),
+            ("newtons_per_count", (newtons / force).to_string()),
+            (
+                "newton_metres_per_count",
+                (newton_metres / torque).to_string(),
+            ),
+            ("matrix_counts_per_gauge", rows.join("; ")),
+        ])
+    }
+
     /// N and N m, once everything is known.
     fn wrench(&self, gauges: [i16; 6]) -> Option<[f64; 6]> {
         let ([force, torque], [newtons, newton_metres]) =
@@ -272,6 +289,9 @@ impl AtiNetcanoem {
             }
             Some(first) if first == self.scale.rows => {
                 self.stages.set_stop(None);
+                if let Some(scale) = self.scale.told(self.config.calibration) {
+                    self.stages.tell(DeviceEvent::Scale(scale), at);
+                }
                 self.stages.begin_polling(at);
             }
             Some(_) => {

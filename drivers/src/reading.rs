@@ -89,6 +89,13 @@ pub enum DeviceEvent {
     Starting,
     /// The device said who it is.
     Identified(Identity),
+    /// The device said what its numbers mean: each with its unit in the name.
+    Scale(Vec<(&'static str, String)>),
+    /// The port could not be opened yet; that is tried on.
+    Closed {
+        /// Why, and what to check.
+        reason: String,
+    },
     /// Samples flow.
     Streaming,
     /// Samples stopped, or set-up got no answer. The text says what was awaited and what to check.
