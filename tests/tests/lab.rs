@@ -27,6 +27,7 @@ cases! {
     can_optoforce
     can_ati
     can_flooded_bus_costs_no_sample
+    can_frames_without_room_are_counted
     can_error_frames_are_counted_by_class
     can_bus_off_ends_the_link
     can_interface_that_is_down_says_so
