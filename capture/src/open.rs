@@ -22,7 +22,7 @@ use crate::config::Device;
 use crate::ledger::StreamCounters;
 use crate::queues::Queues;
 use crate::session::SessionError;
-use crate::session::link_loop::LinkThread;
+use crate::session::link_loop::{LinkThread, with_cause};
 use crate::settings::{DriverUser, with_driver};
 use crate::zenoh_link::{self, ZenohLink};
 
@@ -38,16 +38,25 @@ pub enum Connection {
     Simulated(ft_sim_hw::SimCanLink),
 }
 
-/// Opens `device` and starts its thread.
+/// A device's thread.
+#[derive(Debug)]
+pub struct Started {
+    /// Runs until it is told to stop.
+    pub thread: JoinHandle<()>,
+    /// Why the port is not open yet, and what to check; the thread tries on. `None` when it is open.
+    pub closed: Option<String>,
+}
+
+/// Opens `device` and starts its thread; what is not plugged in yet is opened when it is there.
 ///
 /// # Errors
-/// The settings make no sense, or the port cannot be opened.
+/// The settings make no sense, or the port will not open ([`LinkError::may_pass`]).
 pub fn spawn(
     device: &Device,
     connection: Connection,
     clock: MonotonicClock,
     thread: LinkThread<Queues>,
-) -> Result<JoinHandle<()>, SessionError> {
+) -> Result<Started, SessionError> {
     with_driver(
         device,
         Startup::Configure,
@@ -73,21 +82,27 @@ impl Spawn<'_> {
         thread: LinkThread<Queues>,
         make: impl Fn() -> D + Send + 'static,
         mut open: impl FnMut() -> Result<L, LinkError> + Send + 'static,
-    ) -> Result<JoinHandle<()>, SessionError>
+    ) -> Result<Started, SessionError>
     where
         D: Protocol<Reading = Reading> + Counted + Send + 'static,
         D::Frame: RawFrame,
         L: Link<Frame = D::Frame> + Send + 'static,
     {
-        let link = open().map_err(|source| SessionError::Link {
-            device: device.name.clone(),
-            source,
-        })?;
-        let pump = Pump::new(make(), link);
-        std::thread::Builder::new()
+        let mut open = move || Ok(Pump::new(make(), open()?));
+        let first: Result<_, LinkError> = open();
+        let closed = match &first {
+            Err(error) if error.may_pass() => Some(with_cause(error)),
+            _ => None,
+        };
+        let first = match first {
+            Err(source) if closed.is_none() => return Err(wont_open(device, source)),
+            first => first,
+        };
+        let thread = std::thread::Builder::new()
             .name(format!("ft-{}", device.name))
-            .spawn(move || thread.run(pump, move || Ok(Pump::new(make(), open()?))))
-            .map_err(SessionError::Thread)
+            .spawn(move || thread.run(first, open))
+            .map_err(SessionError::Thread)?;
+        Ok(Started { thread, closed })
     }
 }
 
@@ -97,7 +112,7 @@ fn wont_open(device: &Device, source: LinkError) -> SessionError {
 }
 
 impl DriverUser for Spawn<'_> {
-    type Output = Result<JoinHandle<()>, SessionError>;
+    type Output = Result<Started, SessionError>;
 
     fn serial<D>(self, make: impl Fn() -> D + Send + 'static, baud_bps: u32) -> Self::Output
     where

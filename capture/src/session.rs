@@ -103,6 +103,12 @@ pub enum SessionError {
     /// The calibration makes no sense.
     #[error("calibration: {0}")]
     Calibration(#[from] ft_recording::error::CalibrationError),
+    /// None of the devices is there.
+    #[error("no device can be opened: {reasons}")]
+    NoDevice {
+        /// Each device with what failed and what to check.
+        reasons: String,
+    },
     /// A device cannot be reached.
     #[error("{device}: {source}")]
     Link {

@@ -143,3 +143,15 @@ pub enum LinkError {
         source: std::io::Error,
     },
 }
+
+impl LinkError {
+    /// Whether the port may open later though nobody changes a configuration or a permission: it is not plugged in or not up
+    /// yet, or another program has it still.
+    #[must_use]
+    pub const fn may_pass(&self) -> bool {
+        matches!(
+            self,
+            Self::NotFound { .. } | Self::Gone { .. } | Self::Busy { .. } | Self::Down { .. }
+        )
+    }
+}

@@ -181,7 +181,7 @@ pub fn run(plan: &Plan) -> Result<Report, SoakError> {
             stop: Arc::clone(&stop),
         };
         let device = device(*kind, &name, &port)?;
-        let link = open::spawn(&device, Connection::Configured, clock, thread)?;
+        let link = open::spawn(&device, Connection::Configured, clock, thread)?.thread;
         running.push(Running {
             name,
             kind: *kind,
