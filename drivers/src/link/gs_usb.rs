@@ -6,6 +6,7 @@
 mod address;
 mod echoes;
 mod stamps;
+mod waiting;
 
 use std::io;
 use std::time::Duration;
@@ -19,6 +20,7 @@ use rusb::{Context, DeviceHandle, Direction, TransferType};
 pub use self::address::{Address, PREFIX};
 use self::echoes::Echoes;
 use self::stamps::AdapterClock;
+use self::waiting::Waiting;
 use crate::clock::{Clock, MonotonicClock};
 use crate::discover;
 use crate::link::can_errors::{CanErrors, ErrorWatch};
@@ -26,10 +28,10 @@ use crate::link::{Link, LinkError, RxStamps};
 
 /// Longest wait for an answer to a request, which Linux's driver waits too.
 const ANSWER: Duration = Duration::from_secs(1);
-/// Longest wait for room in the adapter. USB carries a frame within a millisecond, and [`Echoes`] keeps fewer under way than the
-/// adapter has room for, so there is a wait only where the adapter is stuck. Meanwhile nobody reads: the room for 64 frames that
-/// candleLight's smallest adapters have must last, at two frames a millisecond of a sensor at 1 kHz.
-const ROOM: Duration = Duration::from_millis(10);
+/// Longest wait for room in the adapter in one call; what found none waits ([`Waiting`]) while frames are read. USB carries a frame
+/// within a millisecond, and [`Echoes`] keeps fewer under way than the adapter has room for. Meanwhile nobody reads: the room for 64
+/// frames that candleLight's smallest adapters have must last, at two frames a millisecond of a sensor at 1 kHz.
+const ROOM: Duration = Duration::from_millis(5);
 /// Longest wait in one call of libusb; 0 would mean for ever.
 const WAIT: (Duration, Duration) = (Duration::from_millis(1), Duration::from_secs(1));
 /// Silence after which the adapter holds nothing that is left over, and how many frames it may hold at most.
@@ -57,6 +59,7 @@ pub struct GsUsbLink {
     clock: MonotonicClock,
     adapter_clock: AdapterClock,
     echoes: Echoes,
+    waiting: Waiting,
     watch: ErrorWatch,
     dropped: Dropped,
     told: Dropped,
@@ -111,6 +114,7 @@ impl GsUsbLink {
             clock,
             adapter_clock: AdapterClock::new(),
             echoes: Echoes::default(),
+            waiting: Waiting::new(),
             watch: ErrorWatch::new(),
             dropped: Dropped::default(),
             told: Dropped::default(),
@@ -267,6 +271,21 @@ impl GsUsbLink {
         }
     }
 
+    /// Sends what waits, as far as there is room.
+    fn flush(&mut self) -> Result<(), LinkError> {
+        let (handle, endpoint, name) = (&self.handle, self.endpoints.1, &self.name);
+        let write = |bytes: &[u8]| match handle.write_bulk(endpoint, bytes, ROOM) {
+            Ok(_) => Ok(true),
+            Err(rusb::Error::Timeout | rusb::Error::Interrupted) => Ok(false),
+            Err(error) => Err(transfer_error("write", name.clone(), error)),
+        };
+        if self.waiting.flush(self.clock.now(), write)? {
+            return Ok(());
+        }
+        let port = self.name.clone();
+        Err(LinkError::NoAcknowledge { port })
+    }
+
     fn is_wanted(&self, frame: &CanFrame) -> bool {
         self.standard_ids.is_empty()
             || (!frame.is_extended()
@@ -338,6 +357,7 @@ impl Link for GsUsbLink {
     type Frame = CanFrame;
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(CanFrame, RxStamps)>, LinkError> {
+        self.flush()?;
         let mut transfer = [0; TRANSFER];
         loop {
             let left = deadline.saturating_since(self.clock.now());
@@ -360,16 +380,13 @@ impl Link for GsUsbLink {
     }
 
     fn send(&mut self, frame: &CanFrame) -> Result<(), LinkError> {
-        let unheard = || LinkError::NoAcknowledge {
-            port: self.name.clone(),
+        let Some(echo_id) = self.echoes.take() else {
+            let port = self.name.clone();
+            return Err(LinkError::NoAcknowledge { port });
         };
-        let echo_id = self.echoes.take().ok_or_else(unheard)?;
-        let bytes = wire::encode(echo_id, self.channel, frame);
-        match self.handle.write_bulk(self.endpoints.1, &bytes, ROOM) {
-            Ok(_) => Ok(()),
-            Err(rusb::Error::Timeout) => Err(unheard()),
-            Err(error) => Err(transfer_error("write", self.name.clone(), error)),
-        }
+        self.waiting
+            .push(wire::encode(echo_id, self.channel, frame));
+        self.flush()
     }
 
     fn overflows(&self) -> u64 {
