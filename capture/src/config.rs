@@ -46,7 +46,7 @@ pub struct Device {
     /// Which driver takes it.
     pub driver: Driver,
     /// Serial port (`/dev/ttyUSB0`, better `/dev/serial/by-id/...`), CAN interface (`can0`), candleLight adapter in user space
-    /// (`gs_usb:SERIAL`, with `/CHANNEL` and `@BIT_RATE` where they are not 0 and 1000000), HID device (`/dev/hidraw0`), or the key on which a byte stream comes over the network (`zenoh:ft_capture/blue/aria`).
+    /// (`gs_usb:SERIAL`, with `/CHANNEL` and `@BIT_RATE` where they are not 0 and the sensor's from the factory), HID device (`/dev/hidraw0`), or the key on which a byte stream comes over the network (`zenoh:ft_capture/blue/aria`).
     pub port: String,
     /// Time from the sample to the arrival of its last byte that is the same for every sample, us.
     #[serde(default)]

@@ -31,14 +31,30 @@ pub struct Health {
     changed: bool,
 }
 
+/// A device, before anything is known of it.
+#[derive(Clone, Debug)]
+pub struct Named {
+    /// As in the configuration.
+    pub name: String,
+    /// Its driver.
+    pub driver: &'static str,
+    /// Its settings in effect, defaults included: keys of `[device.settings]` and what they are set to.
+    pub settings: Vec<(String, String)>,
+    /// Its account.
+    pub counters: Arc<StreamCounters>,
+}
+
 /// What is known of one device.
 #[derive(Debug)]
 pub struct DeviceHealth {
     name: String,
     driver: &'static str,
+    settings: Vec<(String, String)>,
     counters: Arc<StreamCounters>,
     state: State,
     identity: Option<Identity>,
+    /// What the device says that its numbers mean.
+    scale: Vec<(&'static str, String)>,
     warnings: Vec<String>,
     clock: Option<ClockStatus>,
     rate: RateMeter,
@@ -46,7 +62,8 @@ pub struct DeviceHealth {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum State {
-    Closed,
+    /// Not opened yet; why, where that was tried.
+    Closed(Option<String>),
     Starting,
     Streaming,
     Lost(String),
@@ -102,17 +119,19 @@ pub struct ClockSummary {
 }
 
 impl Health {
-    /// Nothing is known yet of `devices`: name, driver, counters.
+    /// Nothing is known yet of `devices`.
     #[must_use]
-    pub fn new(devices: Vec<(String, &'static str, Arc<StreamCounters>)>) -> Self {
+    pub fn new(devices: Vec<Named>) -> Self {
         let devices = devices
             .into_iter()
-            .map(|(name, driver, counters)| DeviceHealth {
-                name,
-                driver,
-                counters,
-                state: State::Closed,
+            .map(|device| DeviceHealth {
+                name: device.name,
+                driver: device.driver,
+                settings: device.settings,
+                counters: device.counters,
+                state: State::Closed(None),
                 identity: None,
+                scale: Vec::new(),
                 warnings: Vec::new(),
                 clock: None,
                 rate: RateMeter::default(),
@@ -195,6 +214,16 @@ impl DeviceHealth {
                 self.identity = Some(identity.clone());
                 Some(line)
             }
+            DeviceEvent::Scale(scale) => {
+                self.scale.clone_from(scale);
+                None
+            }
+            DeviceEvent::Closed { reason } => {
+                self.state = State::Closed(Some(reason.clone()));
+                Some(format!(
+                    "{name}: not open: {reason}; it is opened as soon as that is mended"
+                ))
+            }
             DeviceEvent::Streaming => {
                 self.state = State::Streaming;
                 Some(format!("{name}: streaming"))
@@ -217,7 +246,8 @@ impl DeviceHealth {
         let ledger = self.counters.snapshot();
         let (level, message) = match &self.state {
             State::Lost(reason) => (ERROR, format!("lost: {reason}")),
-            State::Closed | State::Starting => (WARN, self.state.name().to_owned()),
+            State::Closed(Some(reason)) => (ERROR, format!("closed: {reason}")),
+            State::Closed(None) | State::Starting => (WARN, self.state.name().to_owned()),
             State::Streaming if ledger.lost_data() => (WARN, "streaming, data was lost".to_owned()),
             State::Streaming if !self.warnings.is_empty() => (WARN, self.warnings.join("; ")),
             State::Streaming => (OK, "streaming".to_owned()),
@@ -228,6 +258,7 @@ impl DeviceHealth {
             pair("gaps", ledger.gaps),
             pair("drops", ledger.drops),
             pair("refused", ledger.refused),
+            pair("overflows", ledger.overflows),
             pair("duplicated", ledger.duplicated),
             pair("overrange", ledger.overrange),
             pair("invalid", ledger.invalid),
@@ -242,6 +273,20 @@ impl DeviceHealth {
             values.push(pair("clock_skew_ppm", format!("{:.3}", clock.skew_ppm)));
             values.push(pair("clock_spread_ns", clock.spread_ns));
         }
+        if let Some(Identity {
+            model,
+            serial_number,
+            firmware,
+        }) = &self.identity
+        {
+            values.push(pair("model", model));
+            values.push(pair("serial_number", serial_number));
+            values.push(pair("firmware", firmware));
+        }
+        let settings = self.settings.iter();
+        values.extend(settings.map(|(key, value)| pair(&format!("settings.{key}"), value)));
+        let scale = self.scale.iter();
+        values.extend(scale.map(|(key, value)| pair(&format!("scale.{key}"), value)));
         let hardware_id = self
             .identity
             .as_ref()
@@ -280,7 +325,7 @@ impl DeviceHealth {
 impl State {
     const fn name(&self) -> &'static str {
         match self {
-            Self::Closed => "closed",
+            Self::Closed(_) => "closed",
             Self::Starting => "starting",
             Self::Streaming => "streaming",
             Self::Lost(_) => "lost",
@@ -326,11 +371,12 @@ mod tests {
     fn health() -> (Health, Arc<StreamCounters>) {
         let counters = Arc::new(StreamCounters::default());
         (
-            Health::new(vec![(
-                "ft_sensor".to_owned(),
-                "bota_serial",
-                Arc::clone(&counters),
-            )]),
+            Health::new(vec![Named {
+                name: "ft_sensor".to_owned(),
+                driver: "bota_serial",
+                settings: vec![("rate_hz".to_owned(), "800".to_owned())],
+                counters: Arc::clone(&counters),
+            }]),
             counters,
         )
     }
@@ -377,6 +423,48 @@ mod tests {
             (status.level, status.message.as_str()),
             (ERROR, "lost: no bytes for 1 s")
         );
+    }
+
+    #[test]
+    fn a_device_that_is_not_there_yet_is_an_error_until_it_is() {
+        let (mut health, _) = health();
+        let line = health.take(&event(DeviceEvent::Closed {
+            reason: "ttyUSB0 does not exist".to_owned(),
+        }));
+        let line = line.unwrap();
+        assert!(
+            line.starts_with("ft_sensor: not open: ttyUSB0 does not exist"),
+            "{line}"
+        );
+        let status = health.poll(at(1)).unwrap().status.remove(0);
+        assert_eq!(
+            (status.level, status.message.as_str()),
+            (ERROR, "closed: ttyUSB0 does not exist")
+        );
+        health.take(&event(DeviceEvent::Streaming));
+        assert_eq!(health.poll(at(2)).unwrap().status[0].level, OK);
+    }
+
+    #[test]
+    fn who_a_device_is_and_how_it_is_set_stands_in_its_status() {
+        let (mut health, _) = health();
+        health.take(&event(DeviceEvent::Identified(Identity {
+            model: "SensONE".to_owned(),
+            serial_number: "A1".to_owned(),
+            firmware: "2.1".to_owned(),
+        })));
+        let scale = vec![("rated_force_n", "500 500 1000".to_owned())];
+        health.take(&event(DeviceEvent::Scale(scale)));
+        let values = health.poll(at(1)).unwrap().status.remove(0).values;
+        for (key, value) in [
+            ("model", "SensONE"),
+            ("serial_number", "A1"),
+            ("firmware", "2.1"),
+            ("settings.rate_hz", "800"),
+            ("scale.rated_force_n", "500 500 1000"),
+        ] {
+            assert!(values.contains(&pair(key, value)), "{key}: {values:?}");
+        }
     }
 
     #[test]

@@ -142,11 +142,30 @@ fn block(
         "\n# {}: {choices}\n{mark}[[device]]\n{mark}name = {name:?}\n{mark}driver = {driver:?}\n{mark}port = {port:?}\n",
         printable(about.trim())
     );
-    if driver == "optoforce_serial" {
-        text.push_str(
-            "# From the sensitivity report of the very sensor:\n# settings = { force_counts_per_newton = [1.0, 1.0, 1.0], \
-             torque_counts_per_newton_metre = [1.0, 1.0, 1.0] }\n",
-        );
+    for taker in takers {
+        if let Some((about, settings)) = needed(taker) {
+            let of_another = if *taker == driver { "" } else { taker };
+            // Writing to a string cannot fail.
+            let _ = match of_another {
+                "" => write!(text, "# {about}\n{mark}settings = {settings}\n"),
+                _ => write!(text, "# {of_another}: {about}\n# settings = {settings}\n"),
+            };
+        }
+    }
+}
+
+/// What a driver must be told of the very device, as one value of TOML, and what it stands for.
+fn needed(driver: &str) -> Option<(&'static str, &'static str)> {
+    match driver {
+        "optoforce_serial" | "optoforce_can" => Some((
+            "1.0 leaves raw counts: put in the numbers of this sensor's sensitivity report",
+            "{ force_counts_per_newton = [1.0, 1.0, 1.0], torque_counts_per_newton_metre = [1.0, 1.0, 1.0] }",
+        )),
+        "encoder_line" => Some((
+            "counts of a whole turn of this encoder, negative when it counts down",
+            "{ counts_per_turn = 4096.0 }",
+        )),
+        _ => None,
     }
 }
 
@@ -171,6 +190,7 @@ mod tests {
             manufacturer: "FTDI\n[[device]]".to_owned(),
             product_name: "Serial".to_owned(),
             serial_number: "A1".to_owned(),
+            interface: Some(0),
             driver: String::new(),
             latency_timer_ms: None,
             permitted: true,
@@ -244,6 +264,80 @@ mod tests {
             .collect();
         let config = Config::from_toml(&text, Path::new("capture.toml")).unwrap();
         assert_eq!(config.devices[0].driver, Driver::BotaSerial);
+    }
+
+    /// Every block with its marks taken away, for each of the drivers that it offers, makes a driver.
+    #[test]
+    fn every_block_makes_a_driver_whichever_of_those_it_offers_is_chosen() {
+        let identities = ft_drivers::discover::IDENTITIES;
+        let ports = identities
+            .iter()
+            .map(|identity| port("/dev/ttyUSB0", identity.vendor, identity.product));
+        let mut all: Vec<_> = ports
+            .map(|port| Found {
+                ports: vec![port],
+                ..Found::default()
+            })
+            .collect();
+        all.push(Found {
+            interfaces: vec![CanInterface {
+                name: "can0".to_owned(),
+                driver: "gs_usb".to_owned(),
+                up: true,
+            }],
+            ..Found::default()
+        });
+        all.push(Found {
+            hids: vec![FoundHid {
+                path: PathBuf::from("/dev/hidraw0"),
+                vendor: 0x2341,
+                product: 0x8036,
+                name: "Leonardo".to_owned(),
+                serial_number: String::new(),
+                interface: None,
+                axes: vec!["x"],
+                permitted: true,
+            }],
+            ..Found::default()
+        });
+        let mut chosen = std::collections::BTreeSet::new();
+        for text in all.iter().map(capture_toml) {
+            let (_, block) = text.split_once("\n\n# ").unwrap();
+            let (choices, block) = block.split_once('\n').unwrap();
+            let (_, choices) = choices.rsplit_once(": ").unwrap();
+            for driver in choices.split(", ").filter_map(Driver::by_name) {
+                let config = Config::from_toml(&choose(block, driver.name()), Path::new("a.toml"));
+                let config = config.unwrap_or_else(|error| panic!("{driver:?}: {error}: {block}"));
+                assert_eq!(config.devices[0].driver, driver);
+                crate::settings::tests::is_accepted(&config.devices[0]).unwrap();
+                chosen.insert(driver.name());
+            }
+        }
+        assert_eq!(chosen.len(), 13, "{chosen:?}");
+    }
+
+    /// What a person makes of a block: takes the marks away, writes this driver, and keeps its settings.
+    fn choose(block: &str, driver: &str) -> String {
+        let (mut text, mut kept) = (String::new(), true);
+        for line in block.lines() {
+            let bare = line.strip_prefix("# ").unwrap_or(line);
+            if bare.starts_with("driver = ") {
+                kept = bare == format!("driver = {driver:?}");
+                text.push_str(&format!("driver = {driver:?}\n"));
+            } else if let Some(rest) = bare.strip_prefix("settings = ") {
+                if kept {
+                    text.push_str(&format!("settings = {rest}\n"));
+                }
+            } else if bare.starts_with("[[") || bare.contains(" = \"") {
+                text.push_str(&format!("{bare}\n"));
+            } else if let Some((name, _)) = bare.split_once(": ")
+                && Driver::by_name(name).is_some()
+            {
+                // Settings of another driver follow.
+                kept = name == driver;
+            }
+        }
+        text
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub struct StreamCounters {
     refused: AtomicU64,
     duplicated: AtomicU64,
     skipped: AtomicU64,
+    overflows: AtomicU64,
     overrange: AtomicU64,
     invalid: AtomicU64,
     drops: AtomicU64,
@@ -32,6 +33,8 @@ impl StreamCounters {
             .store(before.duplicated + now.duplicated, Ordering::Relaxed);
         self.skipped
             .store(before.skipped + now.skipped, Ordering::Relaxed);
+        self.overflows
+            .store(before.overflows + now.overflows, Ordering::Relaxed);
     }
 
     /// A sample beyond its rated range was delivered.
@@ -70,6 +73,7 @@ impl StreamCounters {
             refused: read(&self.refused),
             duplicated: read(&self.duplicated),
             skipped: read(&self.skipped),
+            overflows: read(&self.overflows),
             overrange: read(&self.overrange),
             invalid: read(&self.invalid),
             interruptions: read(&self.interruptions),
@@ -93,6 +97,8 @@ pub struct StreamLedger {
     pub duplicated: u64,
     /// Bytes or frames that belong to no frame of the device, skipped while searching; set-up text counts here.
     pub skipped: u64,
+    /// Frames for which the kernel's queue or the CAN adapter had no room, so that they never came; at least so many.
+    pub overflows: u64,
     /// Samples delivered although a component was beyond its rated range.
     pub overrange: u64,
     /// Samples delivered although the device called them wrong.
@@ -114,6 +120,7 @@ impl StreamLedger {
             refused: self.refused.saturating_sub(before.refused),
             duplicated: self.duplicated.saturating_sub(before.duplicated),
             skipped: self.skipped.saturating_sub(before.skipped),
+            overflows: self.overflows.saturating_sub(before.overflows),
             overrange: self.overrange.saturating_sub(before.overrange),
             invalid: self.invalid.saturating_sub(before.invalid),
             interruptions: self.interruptions.saturating_sub(before.interruptions),
@@ -124,7 +131,8 @@ impl StreamLedger {
     /// Whether anything that the device measured is missing in the recording, or cannot be trusted.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
-        self.gaps + self.drops + self.refused + self.invalid + self.interruptions > 0
+        self.gaps + self.drops + self.refused + self.overflows + self.invalid + self.interruptions
+            > 0
     }
 }
 
@@ -174,7 +182,11 @@ mod tests {
             interruptions: 1,
             ..StreamLedger::default()
         };
-        for ledger in [gap, drop, refused, invalid, interrupted] {
+        let overflown = StreamLedger {
+            overflows: 1,
+            ..StreamLedger::default()
+        };
+        for ledger in [gap, drop, refused, overflown, invalid, interrupted] {
             assert!(ledger.lost_data(), "{ledger:?}");
         }
     }

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use ft_drivers::device::Counted;
 use ft_drivers::discover::RememberedPort;
 use ft_drivers::hid_axis::HidFrame;
-use ft_drivers::link::can_port::CanPort;
+use ft_drivers::link::can_port::CanName;
 use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::link::serial::SerialLink;
@@ -22,7 +22,7 @@ use crate::config::Device;
 use crate::ledger::StreamCounters;
 use crate::queues::Queues;
 use crate::session::SessionError;
-use crate::session::link_loop::LinkThread;
+use crate::session::link_loop::{LinkThread, with_cause};
 use crate::settings::{DriverUser, with_driver};
 use crate::zenoh_link::{self, ZenohLink};
 
@@ -38,16 +38,25 @@ pub enum Connection {
     Simulated(ft_sim_hw::SimCanLink),
 }
 
-/// Opens `device` and starts its thread.
+/// A device's thread.
+#[derive(Debug)]
+pub struct Started {
+    /// Runs until it is told to stop.
+    pub thread: JoinHandle<()>,
+    /// Why the port is not open yet, and what to check; the thread tries on. `None` when it is open.
+    pub closed: Option<String>,
+}
+
+/// Opens `device` and starts its thread; what is not plugged in yet is opened when it is there.
 ///
 /// # Errors
-/// The settings make no sense, or the port cannot be opened.
+/// The settings make no sense, or the port will not open ([`LinkError::may_pass`]).
 pub fn spawn(
     device: &Device,
     connection: Connection,
     clock: MonotonicClock,
     thread: LinkThread<Queues>,
-) -> Result<JoinHandle<()>, SessionError> {
+) -> Result<Started, SessionError> {
     with_driver(
         device,
         Startup::Configure,
@@ -73,26 +82,37 @@ impl Spawn<'_> {
         thread: LinkThread<Queues>,
         make: impl Fn() -> D + Send + 'static,
         mut open: impl FnMut() -> Result<L, LinkError> + Send + 'static,
-    ) -> Result<JoinHandle<()>, SessionError>
+    ) -> Result<Started, SessionError>
     where
         D: Protocol<Reading = Reading> + Counted + Send + 'static,
         D::Frame: RawFrame,
         L: Link<Frame = D::Frame> + Send + 'static,
     {
-        let link = open().map_err(|source| SessionError::Link {
-            device: device.name.clone(),
-            source,
-        })?;
-        let pump = Pump::new(make(), link);
-        std::thread::Builder::new()
+        let mut open = move || Ok(Pump::new(make(), open()?));
+        let first: Result<_, LinkError> = open();
+        let closed = match &first {
+            Err(error) if error.may_pass() => Some(with_cause(error)),
+            _ => None,
+        };
+        let first = match first {
+            Err(source) if closed.is_none() => return Err(wont_open(device, source)),
+            first => first,
+        };
+        let thread = std::thread::Builder::new()
             .name(format!("ft-{}", device.name))
-            .spawn(move || thread.run(pump, move || Ok(Pump::new(make(), open()?))))
-            .map_err(SessionError::Thread)
+            .spawn(move || thread.run(first, open))
+            .map_err(SessionError::Thread)?;
+        Ok(Started { thread, closed })
     }
 }
 
+fn wont_open(device: &Device, source: LinkError) -> SessionError {
+    let device = device.name.clone();
+    SessionError::Link { device, source }
+}
+
 impl DriverUser for Spawn<'_> {
-    type Output = Result<JoinHandle<()>, SessionError>;
+    type Output = Result<Started, SessionError>;
 
     fn serial<D>(self, make: impl Fn() -> D + Send + 'static, baud_bps: u32) -> Self::Output
     where
@@ -114,15 +134,22 @@ impl DriverUser for Spawn<'_> {
         })
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        ids: Vec<u16>,
+        usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {
         let (port, clock) = (self.device.port.clone(), self.clock);
         match self.connection {
             Connection::Configured | Connection::Network(_) => {
+                let mut bus =
+                    CanName::parse(&port).map_err(|error| wont_open(self.device, error))?;
                 Self::start(self.device, self.thread, make, move || {
-                    CanPort::open(&port, &ids, clock)
+                    bus.open(&ids, usual_bps, clock)
                 })
             }
             #[cfg(feature = "sim")]
@@ -272,7 +299,12 @@ where
         )
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, _ids: Vec<u16>) -> Self::Output
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        _ids: Vec<u16>,
+        _usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {

@@ -10,10 +10,11 @@ use ft_recording::calibration::Calibration;
 use ft_recording::writer::WriterOptions;
 use ft_wire::HostTime;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Device};
 use crate::encode::static_transforms;
-use crate::health::Health;
+use crate::health::{Health, Named};
 use crate::ledger::{StreamCounters, StreamLedger};
+use crate::settings::{in_effect, with_defaults};
 use crate::sink::SinkError;
 use crate::sink::mcap::Preamble;
 use crate::summary::Summary;
@@ -102,6 +103,12 @@ pub enum SessionError {
     /// The calibration makes no sense.
     #[error("calibration: {0}")]
     Calibration(#[from] ft_recording::error::CalibrationError),
+    /// None of the devices is there.
+    #[error("no device can be opened: {reasons}")]
+    NoDevice {
+        /// Each device with what failed and what to check.
+        reasons: String,
+    },
     /// A device cannot be reached.
     #[error("{device}: {source}")]
     Link {
@@ -172,7 +179,7 @@ impl Plan {
             ),
             (
                 "config".to_owned(),
-                toml::to_string(&self.config).unwrap_or_default(),
+                toml::to_string(&with_defaults(&self.config)?).unwrap_or_default(),
             ),
         ]);
         let calibration = self
@@ -201,15 +208,26 @@ fn health(plan: &Plan, counters: &[Arc<StreamCounters>]) -> Health {
     let named = plan.config.devices.iter().zip(counters);
     Health::new(
         named
-            .map(|(device, counters)| {
-                (
-                    device.name.clone(),
-                    device.driver.name(),
-                    Arc::clone(counters),
-                )
+            .map(|(device, counters)| Named {
+                name: device.name.clone(),
+                driver: device.driver.name(),
+                settings: settings_in_effect(device),
+                counters: Arc::clone(counters),
             })
             .collect(),
     )
+}
+
+/// Keys and values of a device's settings for `/diagnostics`; of wrong ones there are none, and the session does not begin.
+fn settings_in_effect(device: &Device) -> Vec<(String, String)> {
+    in_effect(device)
+        .unwrap_or_default()
+        .into_iter()
+        .map(|(key, value)| match value {
+            toml::Value::String(text) => (key, text),
+            value => (key, value.to_string()),
+        })
+        .collect()
 }
 
 /// The accounts when a recording began: what was counted before is not of that recording.

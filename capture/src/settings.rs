@@ -17,10 +17,10 @@ use ft_drivers::{
 use ft_wire::bota_serial::BaudRate;
 use ft_wire::robotous_rft::{CanIds, FilterSetting};
 use ft_wire::{CanFrame, Chunk};
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
-use crate::config::{Device, Driver};
+use crate::config::{Config, Device, Driver};
 use crate::session::SessionError;
 
 /// Does something with a driver and the bus that it needs. Drivers differ in type, so this is generic.
@@ -33,8 +33,13 @@ pub trait DriverUser {
     where
         D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static;
 
-    /// For drivers on CAN that listen to `ids`.
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    /// For drivers on CAN that listen to `ids`; `usual_bps` is the bit rate of their device unless the port says another.
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        ids: Vec<u16>,
+        usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static;
 
@@ -80,7 +85,8 @@ pub fn with_driver<U: DriverUser>(
                 ..Default::default()
             };
             let listened = vec![u16::from(settings.first_id), u16::from(settings.second_id)];
-            Ok(user.can(move || robotous_can::RobotousCan::new(config), listened))
+            let make = move || robotous_can::RobotousCan::new(config);
+            Ok(user.can(make, listened, robotous_can::BITRATE_BPS))
         }
         Driver::RobotousUart => {
             let settings: RobotousSettings = read(device)?;
@@ -110,7 +116,7 @@ pub fn with_driver<U: DriverUser>(
                 .can_config(startup)
                 .map_err(|what| wrong(device, what))?;
             let make = move || optoforce_can::OptoforceCan::new(config);
-            Ok(user.can(make, vec![settings.data_id]))
+            Ok(user.can(make, vec![settings.data_id], optoforce_can::BITRATE_BPS))
         }
         Driver::KunweiKwr75 => {
             let settings: sensors::Kunwei = read(device)?;
@@ -132,7 +138,8 @@ pub fn with_driver<U: DriverUser>(
                 .config(startup)
                 .map_err(|what| wrong(device, what))?;
             let make = move || ati_netcanoem::AtiNetcanoem::new(config);
-            Ok(user.can(make, settings.ids()))
+            let usual_bps = ati_netcanoem::FACTORY_BITRATE_BPS;
+            Ok(user.can(make, settings.ids(), usual_bps))
         }
         Driver::Dynamixel => {
             let settings: encoders::Dynamixel = read(device)?;
@@ -169,6 +176,43 @@ pub fn with_driver<U: DriverUser>(
     }
 }
 
+/// The settings of `device` with every default, as its driver has them in effect.
+///
+/// # Errors
+/// A setting is unknown, missing or of the wrong kind.
+pub fn in_effect(device: &Device) -> Result<toml::Table, SessionError> {
+    match device.driver {
+        Driver::BotaSerial => complete::<BotaSettings>(device),
+        Driver::RobotousCan | Driver::RobotousUart => complete::<RobotousSettings>(device),
+        Driver::OptoforceSerial | Driver::OptoforceCan => complete::<optoforce::Settings>(device),
+        Driver::KunweiKwr75 => complete::<sensors::Kunwei>(device),
+        Driver::Leptrino => complete::<sensors::Leptrino>(device),
+        Driver::AtiNetcanoem => complete::<sensors::Ati>(device),
+        Driver::Dynamixel => complete::<encoders::Dynamixel>(device),
+        Driver::Amt21 => complete::<encoders::Amt21>(device),
+        Driver::EncoderLine => complete::<encoders::EncoderLine>(device),
+        Driver::HidAxis => complete::<encoders::HidAxis>(device),
+        Driver::PoseStream => complete::<PoseSettings>(device),
+    }
+}
+
+fn complete<T: DeserializeOwned + Serialize>(device: &Device) -> Result<toml::Table, SessionError> {
+    toml::Table::try_from(read::<T>(device)?).map_err(|error| wrong(device, error.to_string()))
+}
+
+/// `config` with the settings of every device as they are in effect: what a recording holds, so that it says what was so even where a
+/// later version has other defaults.
+///
+/// # Errors
+/// As [`in_effect`].
+pub fn with_defaults(config: &Config) -> Result<Config, SessionError> {
+    let mut config = config.clone();
+    for device in &mut config.devices {
+        device.settings = in_effect(device)?;
+    }
+    Ok(config)
+}
+
 fn read<T: DeserializeOwned>(device: &Device) -> Result<T, SessionError> {
     device
         .settings
@@ -189,7 +233,7 @@ fn wrong(device: &Device, what: String) -> SessionError {
 const GAUGE_RATE_HZ: f64 = 51_200.0;
 
 /// Settings of `bota_serial`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct BotaSettings {
     baud_bps: u32,
@@ -250,7 +294,7 @@ impl BotaSettings {
 }
 
 /// Settings of `robotous_can` and `robotous_uart`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RobotousSettings {
     rate_hz: u16,
@@ -335,7 +379,7 @@ impl RobotousSettings {
 }
 
 /// Settings of `pose_stream`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct PoseSettings {
     /// A USB CDC port ignores it.
@@ -351,7 +395,7 @@ impl Default for PoseSettings {
 }
 
 /// Which side's wrench a sensor reports.
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum SignSetting {
     #[default]
@@ -364,6 +408,133 @@ impl From<SignSetting> for Sign {
         match setting {
             SignSetting::EnvironmentOnTool => Self::EnvironmentOnTool,
             SignSetting::ToolOnEnvironment => Self::ToolOnEnvironment,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    struct Accepted;
+
+    impl DriverUser for Accepted {
+        type Output = ();
+
+        fn serial<D>(self, _: impl Fn() -> D + Send + 'static, _: u32)
+        where
+            D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
+        {
+        }
+
+        fn can<D>(self, _: impl Fn() -> D + Send + 'static, _: Vec<u16>, _: u32)
+        where
+            D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
+        {
+        }
+
+        fn hid<D>(self, _: impl Fn() -> D + Send + 'static)
+        where
+            D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static,
+        {
+        }
+    }
+
+    /// Whether a driver can be made of `device`.
+    pub(crate) fn is_accepted(device: &Device) -> Result<(), SessionError> {
+        with_driver(device, Startup::Configure, Accepted)
+    }
+
+    fn device(driver: &str, settings: &str) -> Device {
+        let text = format!(
+            "[[device]]\nname = \"a\"\ndriver = {driver:?}\nport = \"b\"\n[device.settings]\n{settings}"
+        );
+        let config = Config::from_toml(&text, Path::new("a.toml")).unwrap();
+        config.devices[0].clone()
+    }
+
+    #[test]
+    fn settings_in_effect_are_complete_and_mean_the_same() {
+        let drivers = ft_drivers::discover::IDENTITIES
+            .iter()
+            .flat_map(|identity| identity.takers)
+            .chain(&["hid_axis"]);
+        for driver in drivers {
+            let needed = match *driver {
+                "optoforce_serial" | "optoforce_can" => {
+                    "force_counts_per_newton = [1, 2, 3]\ntorque_counts_per_newton_metre = [4, 5, 6]"
+                }
+                "encoder_line" => "counts_per_turn = 4096",
+                _ => "",
+            };
+            let mut device = device(driver, needed);
+            let complete = in_effect(&device).unwrap();
+            assert!(!complete.is_empty(), "{driver}");
+            device.settings = complete.clone();
+            is_accepted(&device).unwrap();
+            assert_eq!(in_effect(&device).unwrap(), complete, "{driver}");
+        }
+    }
+
+    #[test]
+    fn a_recording_says_which_rate_filter_and_scale_were_in_effect() {
+        let settings = in_effect(&device("robotous_can", "rate_hz = 1000")).unwrap();
+        let text = toml::to_string(&settings).unwrap();
+        for line in [
+            "rate_hz = 1000",
+            "low_pass_hz = 0",
+            "force_counts_per_newton = 50.0",
+            "torque_counts_per_newton_metre = 2000.0",
+            "sign = \"environment_on_tool\"",
+        ] {
+            assert!(text.contains(line), "{line}: {text}");
+        }
+    }
+
+    #[test]
+    fn each_sensor_on_can_has_its_factorys_bit_rate() {
+        struct BitRate;
+        impl DriverUser for BitRate {
+            type Output = Option<u32>;
+
+            fn serial<D>(self, _: impl Fn() -> D + Send + 'static, _: u32) -> Option<u32>
+            where
+                D: Protocol<Frame = Chunk, Reading = Reading> + Counted + Send + 'static,
+            {
+                None
+            }
+
+            fn can<D>(
+                self,
+                _: impl Fn() -> D + Send + 'static,
+                _: Vec<u16>,
+                usual_bps: u32,
+            ) -> Option<u32>
+            where
+                D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
+            {
+                Some(usual_bps)
+            }
+
+            fn hid<D>(self, _: impl Fn() -> D + Send + 'static) -> Option<u32>
+            where
+                D: Protocol<Frame = HidFrame, Reading = Reading> + Counted + Send + 'static,
+            {
+                None
+            }
+        }
+        let scale =
+            "force_counts_per_newton = [1, 2, 3]\ntorque_counts_per_newton_metre = [4, 5, 6]";
+        for (driver, settings, bps) in [
+            ("robotous_can", "", 1_000_000),
+            ("optoforce_can", scale, 1_000_000),
+            ("ati_netcanoem", "", 250_000),
+        ] {
+            let device = device(driver, settings);
+            let usual = with_driver(&device, Startup::Configure, BitRate).unwrap();
+            assert_eq!(usual, Some(bps), "{driver}");
         }
     }
 }

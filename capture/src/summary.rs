@@ -92,12 +92,16 @@ impl fmt::Display for Summary {
                 skew,
                 spread
             )?;
-            if ledger.invalid + ledger.interruptions + ledger.duplicated + ledger.view_drops > 0 {
-                writeln!(
-                    f,
-                    "{:<10} invalid {}, interruptions {}, duplicated {}, missed by viewers {}",
-                    "", ledger.invalid, ledger.interruptions, ledger.duplicated, ledger.view_drops
-                )?;
+            let more = [
+                ("invalid", ledger.invalid),
+                ("interruptions", ledger.interruptions),
+                ("duplicated", ledger.duplicated),
+                ("missed by viewers", ledger.view_drops),
+                ("without room in the system", ledger.overflows),
+            ];
+            if more.iter().any(|(_, count)| *count > 0) {
+                let more = more.map(|(name, count)| format!("{name} {count}"));
+                writeln!(f, "{:<10} {}", "", more.join(", "))?;
             }
             for warning in &stream.warnings {
                 writeln!(f, "{:<10} warning: {warning}", "")?;

@@ -206,7 +206,7 @@ impl DriverUser for Run {
         Self::run(make(), &line);
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, _ids: Vec<u16>)
+    fn can<D>(self, make: impl Fn() -> D + Send + 'static, _ids: Vec<u16>, _usual_bps: u32)
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {

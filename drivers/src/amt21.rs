@@ -258,8 +258,8 @@ impl Counted for Amt21 {
             received: self.stages.received(),
             gaps: self.stages.missed(),
             refused: self.refused,
-            duplicated: 0,
             skipped: self.skipped,
+            ..Counts::default()
         }
     }
 }

@@ -29,6 +29,9 @@ use crate::options::{Sign, Startup};
 use crate::reading::{Counts, DeviceEvent, Identity, Reading, SampleInstant, WrenchReading};
 use crate::stages::{Due, Polling, Stages, Timing, quality};
 
+/// Bit rate of the bus as the factory sets it, bit/s.
+pub const FACTORY_BITRATE_BPS: u32 = 250_000;
+
 /// How to find and poll the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -110,6 +113,23 @@ impl Scale {
             return true;
         }
         false
+    }
+
+    /// For the recording: the calibration in use, one unit of the board, and the rows of the matrix, `;` between them.
+    fn told(&self, calibration: u8) -> Option<Vec<(&'static str, String)>> {
+        let ([force, torque], [newtons, newton_metres]) =
+            (self.counts_per_unit?, self.si_per_unit?);
+        let row = |row: &[f64; 6]| row.map(|element| element.to_string()).join(" ");
+        let rows: Vec<_> = self.rows.iter().map(row).collect();
+        Some(vec![
+            ("calibration", calibration.to_string()),
+            ("newtons_per_count", (newtons / force).to_string()),
+            (
+                "newton_metres_per_count",
+                (newton_metres / torque).to_string(),
+            ),
+            ("matrix_counts_per_gauge", rows.join("; ")),
+        ])
     }
 
     /// N and N m, once everything is known.
@@ -269,6 +289,9 @@ impl AtiNetcanoem {
             }
             Some(first) if first == self.scale.rows => {
                 self.stages.set_stop(None);
+                if let Some(scale) = self.scale.told(self.config.calibration) {
+                    self.stages.tell(DeviceEvent::Scale(scale), at);
+                }
                 self.stages.begin_polling(at);
             }
             Some(_) => {
@@ -407,8 +430,8 @@ impl Counted for AtiNetcanoem {
             received: self.stages.received(),
             gaps: self.stages.missed(),
             refused: self.refused,
-            duplicated: 0,
             skipped: self.skipped,
+            ..Counts::default()
         }
     }
 }

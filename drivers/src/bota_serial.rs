@@ -428,6 +428,7 @@ impl Counted for BotaSerial {
             refused: self.framer.refused,
             duplicated: self.duplicated,
             skipped: self.framer.skipped,
+            ..Counts::default()
         }
     }
 }

@@ -188,6 +188,8 @@ pub struct FoundPort {
     pub product_name: String,
     /// Serial number, empty when there is none.
     pub serial_number: String,
+    /// Number of the USB interface: which channel of a converter that has several under one serial number.
+    pub interface: Option<u8>,
     /// Kernel driver, empty when unknown.
     pub driver: String,
     /// Latency timer, ms; `None` when the driver has none.
@@ -279,7 +281,7 @@ impl fmt::Display for CanInterface {
         if !self.up {
             write!(
                 f,
-                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100",
+                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)",
                 self.name
             )?;
         }
@@ -335,6 +337,12 @@ fn serial_ports_in(sys: &Path, dev: &Path) -> Vec<FoundPort> {
                 manufacturer: text(&usb.join("manufacturer")),
                 product_name: text(&usb.join("product")),
                 serial_number: text(&usb.join("serial")),
+                interface: device
+                    .ancestors()
+                    .take_while(|ancestor| *ancestor != usb)
+                    .find_map(|ancestor| {
+                        u8::from_str_radix(&text(&ancestor.join("bInterfaceNumber")), 16).ok()
+                    }),
                 driver: driver_of(&device),
                 latency_timer_ms: latency_timer_in(sys, &tty),
                 permitted: is_permitted(&path),

@@ -421,8 +421,8 @@ impl Counted for Dynamixel {
             received: self.received,
             gaps: self.gaps,
             refused: self.framer.refused,
-            duplicated: 0,
             skipped: self.framer.skipped + self.unasked,
+            ..Counts::default()
         }
     }
 }

@@ -176,6 +176,7 @@ impl Counted for EncoderLine {
             refused: self.framer.refused,
             duplicated: self.duplicated,
             skipped: self.framer.skipped,
+            ..Counts::default()
         }
     }
 }

@@ -128,7 +128,15 @@ impl HidAxis {
             None => axis.radians_per_count(),
         };
         match scale {
-            Some(scale) => self.state = State::Reading(*axis, scale),
+            Some(scale) => {
+                let (least, most) = axis.logical;
+                let told = vec![
+                    ("radians_per_count", scale.to_string()),
+                    ("range_counts", format!("{least} to {most}")),
+                ];
+                self.tell(DeviceEvent::Scale(told), at);
+                self.state = State::Reading(*axis, scale);
+            }
             None => self.lose(
                 format!(
                     "axis {} counts from {} to {} without a unit of angle: set counts_per_turn",
@@ -273,7 +281,14 @@ mod tests {
         assert!((bench.widths()[1].width_rate_m_s + 0.025 / 0.008).abs() < 1e-9);
         assert_eq!(
             bench.events(),
-            [DeviceEvent::Starting, DeviceEvent::Streaming]
+            [
+                DeviceEvent::Starting,
+                DeviceEvent::Scale(vec![
+                    ("radians_per_count", (TAU / 65_536.0).to_string()),
+                    ("range_counts", "0 to 65535".to_owned())
+                ]),
+                DeviceEvent::Streaming
+            ]
         );
     }
 

@@ -7,7 +7,8 @@
 //! **No check sum, no counter, no clock.** The driver trusts a stream once three frames follow each other at exact spacing, and
 //! searches anew after each frame that is not where it must be. A sample that differs from both samples before it by more than
 //! [`Config::max_step_n`] or [`Config::max_step_nm`] is delivered as [`Quality::Invalid`] with status bit 0 set: a suspect, such as a
-//! flipped bit makes. A flip that changes a number by less is not seen; a sample lost as a whole leaves no trace and is not counted.
+//! flipped bit makes; the first one, which has none before it, when it differs so from both samples behind it. A flip that changes a
+//! number by less is not seen; a sample lost as a whole leaves no trace and is not counted.
 //!
 //! **Sign**: unconfirmed on hardware; taken as environment on tool, [`Config::sign`] changes that.
 //!
@@ -82,17 +83,40 @@ pub struct KunweiKwr75 {
     last_at: HostTime,
 }
 
+/// A sample, and those behind it where it began the lock.
+type Followed = (Sample, Option<[Sample; FRAMES_TO_LOCK - 1]>);
+
 /// Reads a frame where one must be; elsewhere only one that others follow.
-fn decode(bytes: &[u8], locked: bool) -> Result<Parsed<Sample>, DecodeError> {
-    let first = wire::decode(bytes)?;
-    let behind = if locked { 0 } else { FRAMES_TO_LOCK - 1 };
-    for frame in 1..=behind {
-        let rest = bytes.get(frame * FRAME_LEN..).unwrap_or_default();
-        if wire::decode(rest)? == Parsed::Incomplete {
-            return Ok(Parsed::Incomplete);
-        }
+fn decode(bytes: &[u8], locked: bool) -> Result<Parsed<Followed>, DecodeError> {
+    let Parsed::Complete { value, used } = wire::decode(bytes)? else {
+        return Ok(Parsed::Incomplete);
+    };
+    if locked {
+        let value = (value, None);
+        return Ok(Parsed::Complete { value, used });
     }
-    Ok(first)
+    let mut behind = [value; FRAMES_TO_LOCK - 1];
+    for (frame, follower) in (1..).zip(&mut behind) {
+        let rest = bytes.get(frame * FRAME_LEN..).unwrap_or_default();
+        let Parsed::Complete { value, .. } = wire::decode(rest)? else {
+            return Ok(Parsed::Incomplete);
+        };
+        *follower = value;
+    }
+    let value = (value, Some(behind));
+    Ok(Parsed::Complete { value, used })
+}
+
+/// N and N m.
+fn values(sample: &Sample) -> [f64; 6] {
+    let [fx, fy, fz] = sample.force_kg.map(f64::from);
+    let [mx, my, mz] = sample.torque_kgm.map(f64::from);
+    [fx, fy, fz, mx, my, mz].map(|value| value * NEWTONS_PER_KG)
+}
+
+fn near(values: [f64; 6], other: [f64; 6], limits: [f64; 6]) -> bool {
+    let mut steps = values.iter().zip(other).zip(limits);
+    steps.all(|((one, other), limit)| (one - other).abs() <= limit)
 }
 
 impl KunweiKwr75 {
@@ -117,15 +141,13 @@ impl KunweiKwr75 {
         }
     }
 
-    fn on_sample(&mut self, sample: &Sample, arrival: HostTime) {
+    fn on_sample(&mut self, (sample, behind): &Followed, arrival: HostTime) {
         if sample.asked || !self.stages.admits_sample(Some(Command::Start), arrival) {
             return;
         }
         self.framer.begin_counting();
-        let [fx, fy, fz] = sample.force_kg.map(f64::from);
-        let [mx, my, mz] = sample.torque_kgm.map(f64::from);
-        let values = [fx, fy, fz, mx, my, mz].map(|value| value * NEWTONS_PER_KG);
-        let suspect = self.is_suspect(values, arrival);
+        let values = values(sample);
+        let suspect = self.is_suspect(values, behind.as_ref(), arrival);
         if suspect && self.stages.fresh_bits(SUSPECT) != 0 {
             let Config {
                 max_step_n,
@@ -133,7 +155,7 @@ impl KunweiKwr75 {
                 ..
             } = self.config;
             let text = format!(
-                "a sample is more than {max_step_n} N or {max_step_nm} N m off the ones before: marked invalid, as all \
+                "a sample is more than {max_step_n} N or {max_step_nm} N m off the ones beside it: marked invalid, as all \
                  such are; frames have no check sum, look at cable and grounding"
             );
             self.stages.warn(text, arrival);
@@ -150,25 +172,47 @@ impl KunweiKwr75 {
         }));
     }
 
-    /// Whether `values` are far from both samples before. After a pause the limit grows with the samples that may be missing.
-    fn is_suspect(&mut self, values: [f64; 6], arrival: HostTime) -> bool {
-        let pause = arrival.saturating_since(self.last_at).as_secs_f64();
+    /// Whether `values` are far from both samples before, or, where there are none yet, from both `behind`.
+    fn is_suspect(
+        &mut self,
+        values: [f64; 6],
+        behind: Option<&[Sample; FRAMES_TO_LOCK - 1]>,
+        arrival: HostTime,
+    ) -> bool {
+        let [newest, older] = self.before;
+        let limits = self.limits(arrival);
+        let believed = match newest {
+            Some(newest) => [Some(newest), older]
+                .into_iter()
+                .flatten()
+                .any(|before| near(values, before, limits)),
+            None => behind
+                .into_iter()
+                .flatten()
+                .any(|sample| near(values, self::values(sample), limits)),
+        };
+        if newest.is_none() && !believed {
+            // The next one is a first one, too.
+            self.framer.unlock();
+            return true;
+        }
+        self.before = [Some(values), newest];
+        self.last_at = arrival;
+        !believed
+    }
+
+    /// Largest steps that are believed, N and N m. After a pause they grow with the samples that may be missing.
+    fn limits(&self, arrival: HostTime) -> [f64; 6] {
+        let pause = match self.before {
+            [Some(_), _] => arrival.saturating_since(self.last_at).as_secs_f64(),
+            _ => 0.0,
+        };
         let periods = (pause / PERIOD.as_secs_f64()).max(1.0);
         let (force, torque) = (
             self.config.max_step_n * periods,
             self.config.max_step_nm * periods,
         );
-        let limits = [force, force, force, torque, torque, torque];
-        let near = |before: &[f64; 6]| {
-            let mut steps = values.iter().zip(before).zip(limits);
-            steps.all(|((now, before), limit)| (now - before).abs() <= limit)
-        };
-        let [newest, older] = self.before;
-        let known = newest.is_some();
-        let believed = newest.iter().chain(&older).any(near);
-        self.before = [Some(values), newest];
-        self.last_at = arrival;
-        known && !believed
+        [force, force, force, torque, torque, torque]
     }
 }
 

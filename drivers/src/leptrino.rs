@@ -107,6 +107,12 @@ impl Leptrino {
             // A recording of a sensor that was set up holds its limits.
             Message::Limits(limits) => {
                 self.limits = Some(limits.map(f64::from));
+                let [fx, fy, fz, tx, ty, tz] = limits;
+                let scale = vec![
+                    ("rated_force_n", format!("{fx} {fy} {fz}")),
+                    ("rated_torque_nm", format!("{tx} {ty} {tz}")),
+                ];
+                self.stages.tell(DeviceEvent::Scale(scale), at);
                 if self.stages.awaits(Command::ReadLimits) {
                     self.stages.ask(Command::Start, at);
                 }

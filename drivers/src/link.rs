@@ -36,6 +36,12 @@ pub trait Link {
     /// The link is unusable until it is opened again.
     fn send(&mut self, frame: &Self::Frame) -> Result<(), LinkError>;
 
+    /// Frames that never came because the kernel or the adapter had no room for them, since the link was opened. What the
+    /// back end cannot know is not in it.
+    fn overflows(&self) -> u64 {
+        0
+    }
+
     /// Something about the link that the operator must know, said once: a converter that collects bytes, errors on the bus.
     fn take_notice(&mut self) -> Option<String> {
         None
@@ -105,7 +111,9 @@ pub enum LinkError {
         count: usize,
     },
     /// The network interface is not up.
-    #[error("{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100")]
+    #[error(
+        "{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)"
+    )]
     Down {
         /// The interface.
         port: String,
@@ -134,4 +142,16 @@ pub enum LinkError {
         /// What the system said.
         source: std::io::Error,
     },
+}
+
+impl LinkError {
+    /// Whether the port may open later though nobody changes a configuration or a permission: it is not plugged in or not up
+    /// yet, or another program has it still.
+    #[must_use]
+    pub const fn may_pass(&self) -> bool {
+        matches!(
+            self,
+            Self::NotFound { .. } | Self::Gone { .. } | Self::Busy { .. } | Self::Down { .. }
+        )
+    }
 }

@@ -17,6 +17,9 @@ use crate::link::RxStamps;
 use crate::optoforce::{self, Protocol};
 use crate::reading::{Counts, Reading};
 
+/// Bit rate of the bus, bit/s.
+pub const BITRATE_BPS: u32 = 1_000_000;
+
 /// How to find and set up the sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {

@@ -183,6 +183,7 @@ impl Counted for PoseStream {
             refused: self.framer.refused,
             duplicated: self.duplicated,
             skipped: self.framer.skipped,
+            ..Counts::default()
         }
     }
 }

@@ -53,10 +53,13 @@ impl<D, L> Pump<D, L> {
     }
 }
 
-impl<D: Counted, L> Pump<D, L> {
-    /// What the device counted.
+impl<D: Counted, L: Link> Pump<D, L> {
+    /// What the device and its link counted.
     pub fn counts(&self) -> Counts {
-        self.device.counts()
+        Counts {
+            overflows: self.link.overflows(),
+            ..self.device.counts()
+        }
     }
 }
 

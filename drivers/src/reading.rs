@@ -89,6 +89,13 @@ pub enum DeviceEvent {
     Starting,
     /// The device said who it is.
     Identified(Identity),
+    /// The device said what its numbers mean: each with its unit in the name.
+    Scale(Vec<(&'static str, String)>),
+    /// The port could not be opened yet; that is tried on.
+    Closed {
+        /// Why, and what to check.
+        reason: String,
+    },
     /// Samples flow.
     Streaming,
     /// Samples stopped, or set-up got no answer. The text says what was awaited and what to check.
@@ -127,6 +134,8 @@ pub struct Counts {
     pub duplicated: u64,
     /// Bytes or frames that belong to no known frame, skipped while searching.
     pub skipped: u64,
+    /// Frames for which the kernel or the adapter had no room ([`crate::Link::overflows`]); at least so many.
+    pub overflows: u64,
 }
 
 impl std::ops::Add for Counts {
@@ -138,6 +147,7 @@ impl std::ops::Add for Counts {
             refused: self.refused + other.refused,
             duplicated: self.duplicated + other.duplicated,
             skipped: self.skipped + other.skipped,
+            overflows: self.overflows + other.overflows,
         }
     }
 }

@@ -7,18 +7,30 @@
 //! counted when the stream is lost; a second half without a first is skipped. A host that reads late loses nothing, because only
 //! stamps are compared.
 //!
+//! **Two frames lost in a row** can leave a first half and the second half of the next sample, a period behind it. A second half that
+//! was merely stamped late looks the same until the next first half comes: that one follows a late one within half a
+//! period, or the first half before within one and three quarters; behind a wrong one it is due a period later, two after the first half. So
+//! halves further apart than four fifths of a period wait for it, and what is not borne out is refused, as two samples. What this cannot
+//! see: two frames lost in a row while one of the halves that are left is late, too, by a quarter of a period or more.
+//!
 //! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
+
+mod rhythm;
 
 use std::time::Duration;
 
 pub use ft_wire::robotous_rft::CanIds;
-use ft_wire::robotous_rft::{self as wire, Half};
+use ft_wire::robotous_rft::{self as wire, Half, Response};
 use ft_wire::{CanFrame, DecodeError, HostTime};
 
 use crate::device::{Counted, Device};
 use crate::link::RxStamps;
 use crate::reading::{Counts, Reading};
 use crate::robotous::{self, Protocol};
+use rhythm::Rhythm;
+
+/// Bit rate of the bus, bit/s; the sensor has no other.
+pub const BITRATE_BPS: u32 = 1_000_000;
 
 const CHECKS: &str = "check bit rate (1 Mbit/s), termination, power and the ids";
 
@@ -49,9 +61,23 @@ pub struct RobotousCan {
     config: Config,
     protocol: Protocol,
     first: Option<([u8; 8], HostTime)>,
+    rhythm: Rhythm,
+    doubted: Option<Doubted>,
     refused: u64,
     skipped: u64,
 }
+
+/// Halves that may be of two samples, until the next first half tells.
+#[derive(Clone, Copy, Debug)]
+struct Doubted {
+    response: Response,
+    first_at: HostTime,
+    second_at: HostTime,
+    period: Option<Duration>,
+}
+
+/// Halves that are no further apart are of one sample at any rate: four fifths of the sensor's shortest period.
+const NEAR: Duration = Duration::from_micros(800);
 
 impl RobotousCan {
     /// A driver that begins at its first `handle_timeout`.
@@ -62,6 +88,8 @@ impl RobotousCan {
             config,
             protocol,
             first: None,
+            rhythm: Rhythm::default(),
+            doubted: None,
             refused: 0,
             skipped: 0,
         }
@@ -74,6 +102,10 @@ impl RobotousCan {
 
     fn on_first(&mut self, data: [u8; 8], at: HostTime) {
         self.protocol.on_traffic(at);
+        if self.first.is_none_or(|(before, _)| before != data) {
+            self.rhythm.beat(at);
+        }
+        self.settle(at);
         match self.first {
             Some((before, _)) if before == data => {
                 self.skipped += u64::from(self.protocol.is_streaming());
@@ -105,13 +137,49 @@ impl RobotousCan {
         }
         match wire::join(first, second) {
             Ok(response) => {
-                self.protocol.on_response(response, at);
+                self.on_response(response, first_at, at);
                 Ok(())
             }
             Err(error) => {
                 self.refuse();
                 Err(error)
             }
+        }
+    }
+
+    /// Takes a response, unless its halves may be of two.
+    fn on_response(&mut self, response: Response, first_at: HostTime, second_at: HostTime) {
+        let apart = second_at.saturating_since(first_at);
+        // Answers of the set-up come alone.
+        if apart > NEAR && self.protocol.is_streaming() {
+            let period = self.rhythm.period();
+            if period.is_none_or(|period| apart > period * 4 / 5) {
+                self.doubted = Some(Doubted {
+                    response,
+                    first_at,
+                    second_at,
+                    period,
+                });
+                return;
+            }
+        }
+        self.protocol.on_response(response, second_at);
+    }
+
+    /// The next first half came `at`: it tells whether the halves before it were of one sample.
+    fn settle(&mut self, at: HostTime) {
+        let Some(doubted) = self.doubted.take() else {
+            return;
+        };
+        let since = at.saturating_since(doubted.first_at);
+        let behind = at.saturating_since(doubted.second_at);
+        let is_one = |period: Duration| since < period * 7 / 4 || behind < period / 2;
+        if doubted.period.is_some_and(is_one) {
+            self.protocol
+                .on_response(doubted.response, doubted.second_at);
+        } else {
+            self.refuse();
+            self.refuse();
         }
     }
 }
@@ -147,6 +215,8 @@ impl Device for RobotousCan {
         self.protocol.handle_timeout(now);
         if was_streaming && !self.protocol.is_streaming() {
             self.refused += u64::from(self.first.take().is_some());
+            self.refused += u64::from(self.doubted.take().is_some());
+            self.rhythm.forget();
         }
     }
 

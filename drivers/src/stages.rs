@@ -334,11 +334,16 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
                     self.send_stop(now);
                     return Due::Nothing;
                 }
-                let checks = self.checks;
-                self.lost(
-                    format!("stop was sent {ATTEMPTS} times, frames still come: {checks}"),
-                    now,
-                )
+                let (limit, checks) = (self.timing.drain_limit * ATTEMPTS.into(), self.checks);
+                let reason = match self.stop {
+                    Some(_) => {
+                        format!("stop was sent {ATTEMPTS} times, frames still come: {checks}")
+                    }
+                    None => format!(
+                        "nothing was asked for {limit:?} and frames still come, from another program or device: {checks}"
+                    ),
+                };
+                self.lost(reason, now)
             }
             State::Draining { quiet_at, .. } if now >= quiet_at => Due::Drained,
             State::Asking {

@@ -9,7 +9,7 @@ use ft_drivers::link::replay::ReplayLink;
 use ft_drivers::pump::{Outlet, Pump};
 use ft_drivers::reading::Reading;
 use ft_drivers::translate::{OneWay, OneWayConfig};
-use ft_drivers::{RxStamps, Startup, SteppedClock};
+use ft_drivers::{Counted, Device, RxStamps, Startup, SteppedClock};
 use ft_wire::bota_serial::{Sample, Status, encode};
 use ft_wire::{
     CanFrame, Chunk, DecodeError, HostTime, Parsed, amt21, ati_netcanoem, dynamixel2, encoder_line,
@@ -98,6 +98,73 @@ fn a_stream_that_runs_allocates_nothing() {
         "the counter counts: building the driver allocated"
     );
     assert_eq!(after - outlet.settled_at, 0);
+}
+
+#[path = "fault_matrix/cases.rs"]
+mod cases;
+
+/// Counts samples, and allocations when the stream had settled.
+#[derive(Default)]
+struct Settle {
+    samples: usize,
+    settled_at: u64,
+}
+
+impl<F> Outlet<F> for Settle {
+    fn frame(&mut self, _frame: &F, _stamps: RxStamps) {}
+
+    fn reading(&mut self, reading: Reading) {
+        if !matches!(reading, Reading::Event { .. }) {
+            self.samples += 1;
+            if self.samples == 100 {
+                self.settled_at = ALLOCATIONS.with(Cell::get);
+            }
+        }
+    }
+}
+
+/// Plays 2000 samples to a driver.
+fn settles<D>(name: &str, device: D, sample: fn(usize, u64, bool) -> Vec<D::Frame>)
+where
+    D: Device<Reading = Reading> + Counted,
+    D::Frame: Clone,
+{
+    let at = |ms: usize| HostTime::from_nanos(1_000_000_000_000 + ms as i64 * 1_000_000);
+    let samples = (0..2_000).flat_map(|index| {
+        let frames = sample(index, 20_000 + index as u64, false);
+        frames.into_iter().map(move |frame| (frame, at(1 + index)))
+    });
+    let frames: Vec<_> = samples
+        .map(|(frame, arrival)| (frame, RxStamps { arrival }))
+        .collect();
+    let clock = SteppedClock::new(at(0));
+    let mut pump = Pump::new(device, ReplayLink::new(clock.clone(), frames));
+    let mut outlet = Settle::default();
+    while pump.link().next_arrival().is_some() {
+        pump.turn(&clock, HostTime::FAR_FUTURE, &mut outlet)
+            .unwrap();
+    }
+    let after = ALLOCATIONS.with(Cell::get);
+    assert_eq!(outlet.samples, 2_000, "{name}");
+    assert_eq!(after - outlet.settled_at, 0, "{name}");
+}
+
+#[test]
+fn no_driver_allocates_while_its_stream_runs() {
+    settles("bota_serial", cases::bota(), cases::bota_sample);
+    settles("robotous_can", cases::rft_can(), cases::rft_can_sample);
+    settles("robotous_uart", cases::rft_uart(), cases::rft_uart_sample);
+    settles(
+        "optoforce_serial",
+        cases::hex_serial(),
+        cases::hex_serial_sample,
+    );
+    settles("optoforce_can", cases::hex_can(), cases::hex_can_sample);
+    settles("leptrino", cases::leptrino(), cases::leptrino_sample);
+    settles("kunwei_kwr75", cases::kwr75(), cases::kwr75_sample);
+    settles("encoder_line", cases::encoder(), cases::encoder_sample);
+    settles("pose_stream", cases::pose(), cases::pose_sample);
+    settles("hid_axis", cases::hid(), cases::hid_sample);
 }
 
 /// A frame of each codec, decoded and encoded many times.

@@ -62,6 +62,25 @@ fn a_truth_file_is_never_overwritten() {
 }
 
 #[test]
+fn serving_names_the_sensor_that_is_there() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ft-sim-hw"))
+        .args(["serve", "wood_door", "--sensor", "leptrino"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let printed: Vec<_> = lines
+        .map_while(Result::ok)
+        .take_while(|line| !line.contains("Ctrl-C"))
+        .collect();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let printed = printed.join("\n").to_lowercase();
+    assert!(printed.contains("ft_sensor  leptrino"), "{printed}");
+    assert!(!printed.contains("bota"), "{printed}");
+}
+
+#[test]
 fn serving_prints_the_ports_and_stops_on_a_signal() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("truth.json");

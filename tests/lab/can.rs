@@ -5,15 +5,17 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use ft_capture::settings::in_effect;
 use ft_drivers::link::can_errors::CanErrors;
 use ft_drivers::link::socketcan::SocketCanLink;
 use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
 use ft_sim_hw::ServeOptions;
+use ft_wire::CanFrame;
 use socketcan::frame::can_frame_default;
 use socketcan::{CanErrorFrame, CanSocket, EmbeddedFrame as _, Socket as _, StandardId};
 
 use crate::Case;
-use crate::hear::{Played, hear};
+use crate::hear::{Heard, Played, hear};
 use crate::machine::{load, run};
 
 pub(crate) const CASES: &[Case] = &[
@@ -23,6 +25,10 @@ pub(crate) const CASES: &[Case] = &[
     (
         "can_flooded_bus_costs_no_sample",
         can_flooded_bus_costs_no_sample,
+    ),
+    (
+        "can_frames_without_room_are_counted",
+        can_frames_without_room_are_counted,
     ),
     (
         "can_error_frames_are_counted_by_class",
@@ -82,8 +88,19 @@ fn can_ati() {
 /// Frames that nobody asked for, as fast as the kernel takes them: other ids, long ids, and the driver's own data id cut short.
 fn can_flooded_bus_costs_no_sample() {
     let played = played("robotous_can", 200.0);
-    let stop = AtomicBool::new(false);
-    let (heard, flood) = std::thread::scope(|scope| {
+    let (stop, clock) = (AtomicBool::new(false), MonotonicClock::anchored_now());
+    let mut beside = SocketCanLink::open(bus(), &[0x01, 0x02], clock).unwrap();
+    let (heard, flood, sent) = std::thread::scope(|scope| {
+        let sent = scope.spawn(|| {
+            let mut halves = Vec::new();
+            while !stop.load(Ordering::Relaxed) {
+                let came = beside.recv(clock.now() + Duration::from_millis(20));
+                halves.extend(came.unwrap().map(|(frame, _)| frame));
+            }
+            let _ = beside.take_notice();
+            assert_eq!(beside.overflows(), 0, "what is held against lacks frames");
+            halves
+        });
         let flood = scope.spawn(|| {
             let socket = CanSocket::open(bus()).unwrap();
             let clock = MonotonicClock::anchored_now();
@@ -99,16 +116,89 @@ fn can_flooded_bus_costs_no_sample() {
             sent
         });
         let heard =
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| played.weighs_the_tool(400)));
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| played.weighs_the_tool(600)));
         stop.store(true, Ordering::Relaxed);
-        let flood = flood.join().unwrap();
+        let (flood, sent) = (flood.join().unwrap(), sent.join().unwrap());
         (
             heard.unwrap_or_else(|cause| std::panic::resume_unwind(cause)),
             flood,
+            sent,
         )
     });
     heard.is_nearly_whole();
     assert!(flood > 2_000, "only {flood} foreign frames");
+    let scale = |key: &str| {
+        let settings = in_effect(played.device("ft_sensor")).unwrap();
+        settings[key].as_float().unwrap()
+    };
+    let scales = [
+        scale("force_counts_per_newton"),
+        scale("torque_counts_per_newton_metre"),
+    ];
+    is_all_that_was_sent(&heard, &samples(&sent, scales));
+}
+
+/// The wrenches of a Robotous sensor's halves, by the maker's table and nothing of the driver.
+fn samples(halves: &[CanFrame], [per_newton, per_newton_metre]: [f64; 2]) -> Vec<[f64; 6]> {
+    let pairs = halves.windows(2).filter_map(|pair| {
+        let (first, second) = (&pair[0], &pair[1]);
+        let ids = [first.arbitration_id(), second.arbitration_id()];
+        (ids == [1, 2] && first.payload()[0] == 0x0B)
+            .then(|| [first.payload(), second.payload()].concat())
+    });
+    let wrench = |bytes: Vec<u8>| {
+        let axis = |axis: usize| {
+            let count = i16::from_be_bytes([bytes[1 + 2 * axis], bytes[2 + 2 * axis]]);
+            f64::from(count)
+                / if axis < 3 {
+                    per_newton
+                } else {
+                    per_newton_metre
+                }
+        };
+        [0, 1, 2, 3, 4, 5].map(axis)
+    };
+    pairs.map(wrench).collect()
+}
+
+/// Asserts that from the first sample heard to the last one nothing is missing that is not counted, and nothing was made up.
+fn is_all_that_was_sent(heard: &Heard, sent: &[[f64; 6]]) {
+    let mut heard_samples = heard.wrenches().map(|reading| reading.wrench.to_array());
+    let first = heard_samples.next().unwrap();
+    let begin = sent.iter().position(|sample| *sample == first).unwrap();
+    let mut left = sent[begin + 1..].iter();
+    let mut missing = 0;
+    for sample in heard_samples {
+        let skipped = left.by_ref().position(|sent| *sent == sample);
+        missing +=
+            skipped.unwrap_or_else(|| panic!("{sample:?} was not sent, or not in this order"));
+    }
+    let counts = heard.counts;
+    let told = counts.refused + counts.skipped + counts.overflows;
+    assert!(
+        missing as u64 <= told,
+        "{missing} samples are missing: {counts:?}"
+    );
+}
+
+/// Frames for which the queue of a reader that does not read has no room.
+fn can_frames_without_room_are_counted() {
+    let (mut link, clock) = link();
+    let socket = CanSocket::open(bus()).unwrap();
+    let id = StandardId::new(0x123).unwrap();
+    let frame = socketcan::CanFrame::new(id, &[7; 8]).unwrap();
+    let sent = (0..3_000).filter(|_| socket.write_frame(&frame).is_ok());
+    let sent = sent.count() as u64;
+    let mut came = 0;
+    while let Some(_frame) = link.recv(clock.now() + Duration::from_millis(100)).unwrap() {
+        came += 1;
+    }
+    let notice = link.take_notice().unwrap();
+    assert!(notice.contains("no room in the kernel's queue"), "{notice}");
+    assert_eq!(came + link.overflows(), sent, "{came} came");
+    assert!(link.overflows() > 100, "{}", link.overflows());
+    // Told once, counted on.
+    assert_eq!(link.take_notice(), None);
 }
 
 /// Writes an error frame of these classes, as a controller's driver would.
@@ -166,7 +256,7 @@ fn can_nobody_acknowledges() {
     load("sch_netem");
     let (mut link, _) = link();
     run("tc qdisc add dev vcan0 root netem delay 100s limit 1");
-    let frame = ft_wire::CanFrame::standard(0x64, &[0x0C; 8]).unwrap();
+    let frame = CanFrame::standard(0x64, &[0x0C; 8]).unwrap();
     let refused = (0..4).find_map(|_| link.send(&frame).err());
     run("tc qdisc del dev vcan0 root");
     assert!(

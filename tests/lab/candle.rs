@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ft_capture::config::Device;
 use ft_drivers::discover;
-use ft_drivers::link::can_port::CanPort;
+use ft_drivers::link::can_port::{CanName, CanPort};
 use ft_drivers::{Clock as _, Link as _, LinkError, MonotonicClock};
 use ft_sim_hw::ServeOptions;
 use ft_wire::CanFrame;
@@ -21,6 +21,14 @@ pub(crate) const CASES: &[Case] = &[
     (
         "candle_two_of_a_kind_are_told_apart",
         candle_two_of_a_kind_are_told_apart,
+    ),
+    (
+        "candle_without_a_name_stays_the_one_that_was_found",
+        candle_without_a_name_stays_the_one_that_was_found,
+    ),
+    (
+        "candle_comes_at_the_bit_rate_of_its_sensor",
+        candle_comes_at_the_bit_rate_of_its_sensor,
     ),
     ("candle_weighs_for_long", candle_weighs_for_long),
     ("candle_at_a_wrong_bit_rate", candle_at_a_wrong_bit_rate),
@@ -57,6 +65,10 @@ impl Drop for Plugged {
 
 impl Plugged {
     pub(crate) fn new(socket: usize, serial_number: &'static str) -> Self {
+        Self::with_sensor(socket, serial_number, "robotous_can", 200.0)
+    }
+
+    fn with_sensor(socket: usize, serial_number: &'static str, driver: &str, rate_hz: f64) -> Self {
         load("usb_f_fs");
         let (vendor, product) = CANDLELIGHT;
         let gadget = Gadget::new(socket, vendor, product, serial_number);
@@ -71,7 +83,7 @@ impl Plugged {
             candlelights: [("ft_sensor".to_owned(), folder.clone())].into(),
             ..ServeOptions::default()
         };
-        let played = Played::with_sensor("robotous_can", 200.0, options, |_| {
+        let played = Played::with_sensor(driver, rate_hz, options, |_| {
             format!("gs_usb:{serial_number}")
         });
         let plugged = Self {
@@ -114,7 +126,7 @@ impl Plugged {
 }
 
 fn open(port: &str) -> Result<CanPort, LinkError> {
-    CanPort::open(port, &[], MonotonicClock::anchored_now())
+    CanName::parse(port)?.open(&[], 1_000_000, MonotonicClock::anchored_now())
 }
 
 fn candle_is_ours_alone() {
@@ -145,6 +157,29 @@ fn candle_two_of_a_kind_are_told_apart() {
     pair[0].plug_in();
     pair[0].weighs_the_tool(50);
     pair[1].weighs_the_tool(50);
+}
+
+fn candle_without_a_name_stays_the_one_that_was_found() {
+    let clock = MonotonicClock::anchored_now();
+    let mut bus = CanName::parse("gs_usb:").unwrap();
+    let mut open = || bus.open(&[], 1_000_000, clock);
+    let mine = Plugged::new(0, "LABCANDLEA");
+    drop(open().unwrap());
+    mine.gadget.unplug();
+    let _other = Plugged::new(1, "LABCANDLEB");
+    let taken = open();
+    assert!(
+        matches!(&taken, Err(LinkError::NotFound { port }) if port == "gs_usb:LABCANDLEA"),
+        "{taken:?}"
+    );
+    mine.plug_in();
+    open().unwrap();
+}
+
+/// ATI's boards leave the factory with 250 kbit/s.
+fn candle_comes_at_the_bit_rate_of_its_sensor() {
+    let plugged = Plugged::with_sensor(0, "LABCANDLE", "ati_netcanoem", 100.0);
+    plugged.weighs_the_tool(50);
 }
 
 fn candle_weighs_for_long() {
@@ -185,6 +220,7 @@ fn candle_unplugged_is_gone() {
 /// when it is down we take it from the kernel, and give it back.
 fn candle_under_linuxs_own_driver() {
     load("gs_usb");
+    load("can_raw");
     let plugged = Plugged::new(0, "LABCANDLE");
     let interface = || {
         let adapter = discover::can_adapters().into_iter().next()?;

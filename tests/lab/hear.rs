@@ -8,7 +8,7 @@ use ft_capture::settings::{DriverUser, with_driver};
 use ft_capture::simulated;
 use ft_drivers::device::Counted;
 use ft_drivers::hid_axis::HidFrame;
-use ft_drivers::link::can_port::CanPort;
+use ft_drivers::link::can_port::CanName;
 use ft_drivers::link::hidraw::HidrawLink;
 use ft_drivers::link::serial::SerialLink;
 use ft_drivers::options::Startup;
@@ -227,12 +227,17 @@ impl DriverUser for Listener<'_> {
         self.listen(make(), link, clock)
     }
 
-    fn can<D>(self, make: impl Fn() -> D + Send + 'static, ids: Vec<u16>) -> Self::Output
+    fn can<D>(
+        self,
+        make: impl Fn() -> D + Send + 'static,
+        ids: Vec<u16>,
+        usual_bps: u32,
+    ) -> Self::Output
     where
         D: Protocol<Frame = CanFrame, Reading = Reading> + Counted + Send + 'static,
     {
         let clock = MonotonicClock::anchored_now();
-        let link = CanPort::open(&self.device.port, &ids, clock)?;
+        let link = CanName::parse(&self.device.port)?.open(&ids, usual_bps, clock)?;
         self.listen(make(), link, clock)
     }
 

@@ -108,8 +108,8 @@ pub struct Stream {
     pub tally: Tally,
     /// What the service counted.
     pub ledger: StreamLedger,
-    /// Share of one core that its link thread took.
-    pub cpu: f64,
+    /// Share of one core that its link thread took; `None` when there was no such thread to be asked.
+    pub cpu: Option<f64>,
 }
 
 /// What came of a run.
@@ -181,7 +181,7 @@ pub fn run(plan: &Plan) -> Result<Report, SoakError> {
             stop: Arc::clone(&stop),
         };
         let device = device(*kind, &name, &port)?;
-        let link = open::spawn(&device, Connection::Configured, clock, thread)?;
+        let link = open::spawn(&device, Connection::Configured, clock, thread)?.thread;
         running.push(Running {
             name,
             kind: *kind,
@@ -211,9 +211,9 @@ fn finish(
     // The players hold their ends of the terminals until the link threads are gone.
     watch.take_until(clock.now() + RUN_OFF, ends, &mut accounts);
     let seconds = clock.now().seconds_since(watch.begun);
-    let cpu: Vec<f64> = running
+    let cpu: Vec<_> = running
         .iter()
-        .map(|one| process::thread_cpu_s(&format!("ft-{}", one.name)) / seconds)
+        .map(|one| process::thread_cpu_s(&format!("ft-{}", one.name)).map(|took| took / seconds))
         .collect();
     stop.store(true, Ordering::Relaxed);
     let limit = clock.now() + LONGEST_END;
@@ -363,11 +363,13 @@ impl Report {
         for stream in &self.streams {
             faults.extend(stream.faults());
             let most = MOST_CPU * (stream.rate_hz / 1000.0).max(1.0);
-            if stream.cpu > most {
-                let (name, took) = (&stream.name, stream.cpu);
-                faults.push(format!(
+            let name = &stream.name;
+            match stream.cpu {
+                Some(took) if took <= most => {}
+                Some(took) => faults.push(format!(
                     "{name}: its thread took {took:.3} of a core, more than {most}"
-                ));
+                )),
+                None => faults.push(format!("{name}: what its thread took is not known")),
             }
         }
         let mut streams = self.streams.iter();
@@ -467,7 +469,7 @@ impl fmt::Display for Report {
                 played.unplugged,
                 played.silences,
                 tally.interrupted,
-                100.0 * stream.cpu
+                100.0 * stream.cpu.unwrap_or(f64::NAN)
             )?;
         }
         let unseen: u64 = self.streams.iter().map(|stream| stream.played.unseen).sum();

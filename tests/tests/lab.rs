@@ -27,6 +27,7 @@ cases! {
     can_optoforce
     can_ati
     can_flooded_bus_costs_no_sample
+    can_frames_without_room_are_counted
     can_error_frames_are_counted_by_class
     can_bus_off_ends_the_link
     can_interface_that_is_down_says_so
@@ -58,6 +59,8 @@ cases! {
     service_records_on_after_a_candlelight_was_replugged
     candle_is_ours_alone
     candle_two_of_a_kind_are_told_apart
+    candle_without_a_name_stays_the_one_that_was_found
+    candle_comes_at_the_bit_rate_of_its_sensor
     candle_weighs_for_long
     candle_at_a_wrong_bit_rate
     candle_unplugged_is_gone

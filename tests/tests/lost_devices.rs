@@ -104,6 +104,78 @@ fn devices_that_leave_are_reported_and_what_they_said_is_kept() {
 }
 
 #[test]
+fn a_device_that_is_plugged_in_later_is_recorded_from_then_on() {
+    let folder = tempdir().unwrap();
+    let mut gripper = Gripper::plug_in("wood_door", folder.path());
+    let (name, there) = gripper.ports[0].clone();
+    assert_eq!(name, "ft_sensor");
+    // Its name is not there yet.
+    let later = folder.path().join("sensor");
+    gripper.ports[0].1 = later.clone();
+    configure(folder.path(), &gripper, 460_800);
+    let arguments = [
+        "--duration",
+        "9s",
+        "-o",
+        "a.mcap",
+        "--json",
+        "--listen",
+        "tcp/127.0.0.1:17456",
+    ];
+    let mut capture = programs::command("ft-capture", &arguments, folder.path());
+    let capture = capture
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait(2000);
+    std::os::unix::fs::symlink(there, later).unwrap();
+    let output = capture.wait_with_output().unwrap();
+    let finished = programs::Finished::new("ft-capture", &output).expect_code(0);
+    finished.complains(&["ft_sensor: not open", "does not exist", "as soon as"]);
+    let summary = finished.json();
+    let streams = summary["streams"].as_array().unwrap();
+    for (stream, least) in streams.iter().zip([500, 4000]) {
+        assert_eq!(stream["state"], "streaming", "{summary}");
+        assert_eq!(stream["interruptions"], 0, "{summary}");
+        assert!(stream["received"].as_u64().unwrap() > least, "{summary}");
+    }
+    let report = programs::run("ft-capture", &["check", "a.mcap", "--json"], folder.path()).json();
+    let device = &report["devices"]["ft_sensor: bota_serial"];
+    assert_eq!(device["settings.rate_hz"], "800.0", "{device}");
+    assert_eq!(
+        device["serial_number"],
+        streams[0]["identity"]["serial_number"]
+    );
+}
+
+#[test]
+fn nothing_is_recorded_where_no_device_is_there() {
+    let folder = tempdir().unwrap();
+    let mut gripper = Gripper::plug_in("wood_door", folder.path());
+    for (name, port) in &mut gripper.ports {
+        *port = folder.path().join(&*name);
+    }
+    configure(folder.path(), &gripper, 460_800);
+    let arguments = [
+        "--duration",
+        "6s",
+        "-o",
+        "a.mcap",
+        "--listen",
+        "tcp/127.0.0.1:17457",
+    ];
+    programs::run("ft-capture", &arguments, folder.path())
+        .expect_code(1)
+        .complains(&[
+            "no device can be opened: ft_sensor: ",
+            "; aria: ",
+            "does not exist: check the cable",
+        ]);
+    assert!(!folder.path().join("a.mcap.partial").exists());
+}
+
+#[test]
 fn a_wrong_bit_rate_ends_with_what_to_check() {
     let folder = tempdir().unwrap();
     let gripper = Gripper::plug_in("wood_door", folder.path());

@@ -58,6 +58,9 @@ pub struct Report {
     pub clocks: BTreeMap<String, ClockReport>,
     /// What the operator was warned of, by device, as `/diagnostics` last said.
     pub warnings: BTreeMap<String, String>,
+    /// Who each device is (`model`, `serial_number`, `firmware`) and how it is set (`settings.*`, `scale.*`), as `/diagnostics` last
+    /// said.
+    pub devices: BTreeMap<String, BTreeMap<String, String>>,
     /// Account of every stream at the end (metadata `ft.ledger`), as written; empty when absent.
     pub ledger: BTreeMap<String, String>,
     /// Whether a calibration of the tool is there and right.
@@ -164,6 +167,7 @@ pub fn check_mapped(path: &Path, map: &TopicMap) -> Result<Report, ReadError> {
         topics,
         clocks: survey.clocks.clocks,
         warnings: survey.clocks.warnings,
+        devices: survey.clocks.devices,
         ledger: survey.ledger,
         calibration: survey.calibration,
         session: survey.session,

@@ -1,4 +1,4 @@
-//! A device's acquisition thread: turns its pump until it is told to stop, and reopens a link that was lost.
+//! A device's acquisition thread: turns its pump until it is told to stop, and opens a link that is not there yet or was lost.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,10 +33,10 @@ pub struct LinkThread<I> {
 }
 
 impl<I: Intake> LinkThread<I> {
-    /// Runs until the stop flag is set; `reopen` makes a new pump after the link was lost.
+    /// Runs until the stop flag is set; `reopen` makes a new pump after the link was lost, or where there is no `first` one yet.
     pub fn run<D, L>(
         mut self,
-        mut pump: Pump<D, L>,
+        first: Result<Pump<D, L>, LinkError>,
         mut reopen: impl FnMut() -> Result<Pump<D, L>, LinkError>,
     ) where
         D: Device<Reading = Reading> + Counted,
@@ -47,6 +47,16 @@ impl<I: Intake> LinkThread<I> {
         let _ = prefer_this_thread(Duty::Acquisition);
         let mut before = Counts::default();
         let mut back_off = BACK_OFF.0;
+        let opened = match first {
+            Ok(pump) => Some(pump),
+            Err(error) => {
+                self.tell(closed(&error));
+                self.reopen_until_stopped(&mut reopen, &mut back_off, closed, with_cause(&error))
+            }
+        };
+        let Some(mut pump) = opened else {
+            return;
+        };
         loop {
             let Err(error) = self.turn_until_stopped(&mut pump, before) else {
                 return;
@@ -58,8 +68,10 @@ impl<I: Intake> LinkThread<I> {
             before = before + pump.counts();
             // A dead port that is still open keeps its name from the device that comes back.
             drop(pump);
-            self.report_loss(&error);
-            let Some(reopened) = self.reopen_until_stopped(&mut reopen, &mut back_off) else {
+            self.tell(lost(&error));
+            let reopened =
+                self.reopen_until_stopped(&mut reopen, &mut back_off, lost, String::new());
+            let Some(reopened) = reopened else {
                 return;
             };
             pump = reopened;
@@ -86,13 +98,14 @@ impl<I: Intake> LinkThread<I> {
         Ok(())
     }
 
-    /// Says why it does not open, once, unless it is just not there yet.
+    /// Says why it does not open, once, unless it is just not there yet; `told` was said already.
     fn reopen_until_stopped<P>(
         &mut self,
         reopen: &mut impl FnMut() -> Result<P, LinkError>,
         back_off: &mut Duration,
+        event: fn(&LinkError) -> DeviceEvent,
+        mut told: String,
     ) -> Option<P> {
-        let mut told = String::new();
         loop {
             let until = self.clock.now() + *back_off;
             while self.clock.now() < until {
@@ -108,7 +121,7 @@ impl<I: Intake> LinkThread<I> {
                 Err(error) => {
                     let text = with_cause(&error);
                     if text != told {
-                        self.report_loss(&error);
+                        self.tell(event(&error));
                         told = text;
                     }
                 }
@@ -116,16 +129,24 @@ impl<I: Intake> LinkThread<I> {
         }
     }
 
-    fn report_loss(&mut self, error: &LinkError) {
+    fn tell(&mut self, event: DeviceEvent) {
         let at = self.clock.now();
-        let reason = with_cause(error);
-        let event = DeviceEvent::Lost { reason };
         Outlet::<ft_wire::Chunk>::reading(&mut self.channel, Reading::Event { at, event });
     }
 }
 
+fn lost(error: &LinkError) -> DeviceEvent {
+    let reason = with_cause(error);
+    DeviceEvent::Lost { reason }
+}
+
+fn closed(error: &LinkError) -> DeviceEvent {
+    let reason = with_cause(error);
+    DeviceEvent::Closed { reason }
+}
+
 /// The error and what the system said.
-fn with_cause(error: &LinkError) -> String {
+pub(crate) fn with_cause(error: &LinkError) -> String {
     match std::error::Error::source(error) {
         Some(cause) => format!("{error}: {cause}"),
         None => error.to_string(),

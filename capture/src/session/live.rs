@@ -45,7 +45,8 @@ pub trait Surroundings {
 /// Runs a session until its surroundings end it, its duration is over, or a sink fails.
 ///
 /// # Errors
-/// A device cannot be opened at the start, or the recording or the network fails. What was recorded is kept.
+/// No device can be opened at the start, or one never will be (a wrong name, a missing permission), or the recording or the network
+/// fails. What was recorded is kept.
 pub fn run(
     plan: &Plan,
     clock: MonotonicClock,
@@ -135,7 +136,14 @@ fn open_links(
     counters: &[Arc<StreamCounters>],
     stop: &Arc<AtomicBool>,
 ) -> Result<Vec<JoinHandle<()>>, SessionError> {
-    let mut threads = Vec::new();
+    let (mut threads, mut closed) = (Vec::new(), Vec::new());
+    let stopped = |threads: Vec<JoinHandle<()>>, error| {
+        stop.store(true, Ordering::Relaxed);
+        for started in threads {
+            let _ = started.join();
+        }
+        Err(error)
+    };
     for (index, ((device, connection), counters)) in plan
         .config
         .devices
@@ -153,15 +161,16 @@ fn open_links(
             stop: Arc::clone(stop),
         };
         match open::spawn(device, connection, clock, thread) {
-            Ok(handle) => threads.push(handle),
-            Err(error) => {
-                stop.store(true, Ordering::Relaxed);
-                for started in threads {
-                    let _ = started.join();
-                }
-                return Err(error);
+            Ok(started) => {
+                threads.push(started.thread);
+                closed.extend(started.closed.map(|why| format!("{}: {why}", device.name)));
             }
+            Err(error) => return stopped(threads, error),
         }
+    }
+    if closed.len() == threads.len() {
+        let reasons = closed.join("; ");
+        return stopped(threads, SessionError::NoDevice { reasons });
     }
     Ok(threads)
 }

@@ -8,13 +8,14 @@ use ft_drivers::linkage::Linkage;
 use ft_drivers::options::Startup;
 use ft_drivers::{amt21, dynamixel, encoder_line, hid_axis};
 use ft_wire::hid::Usage;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// `[device.settings.linkage]`: from the encoder's angle to the jaw opening.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 enum LinkageSetting {
     /// The Hoi! gripper.
+    #[default]
     Hoi,
     /// Two crank-and-rod halves.
     CrankAndRod {
@@ -30,14 +31,14 @@ enum LinkageSetting {
     },
 }
 
-fn linkage(setting: Option<LinkageSetting>) -> Result<Linkage, String> {
+fn linkage(setting: LinkageSetting) -> Result<Linkage, String> {
     let linkage = match setting {
-        None | Some(LinkageSetting::Hoi) => Linkage::HOI,
-        Some(LinkageSetting::CrankAndRod {
+        LinkageSetting::Hoi => Linkage::HOI,
+        LinkageSetting::CrankAndRod {
             zero_angle_deg,
             crank_m,
             rod_m,
-        }) => {
+        } => {
             if !(crank_m > 0.0 && rod_m > crank_m && rod_m < 1.0) {
                 return Err(format!(
                     "linkage: crank_m = {crank_m}, rod_m = {rod_m}: the rod is longer than the crank, and below 1 m"
@@ -49,11 +50,11 @@ fn linkage(setting: Option<LinkageSetting>) -> Result<Linkage, String> {
                 rod_m,
             }
         }
-        Some(LinkageSetting::Linear {
+        LinkageSetting::Linear {
             zero_angle_deg,
             width_at_zero_m,
             width_per_turn_m,
-        }) => {
+        } => {
             if !(1e-5..=1.0).contains(&width_per_turn_m.abs()) {
                 return Err(format!(
                     "linkage: width_per_turn_m = {width_per_turn_m}: 0.00001 to 1, negative when the jaws close"
@@ -96,13 +97,13 @@ fn period(rate_hz: f64) -> Result<Duration, String> {
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Settings of `dynamixel`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Dynamixel {
     id: u8,
     pub(super) baud_bps: u32,
     rate_hz: f64,
-    linkage: Option<LinkageSetting>,
+    linkage: LinkageSetting,
 }
 
 impl Default for Dynamixel {
@@ -111,7 +112,7 @@ impl Default for Dynamixel {
             id: 1,
             baud_bps: 57_600,
             rate_hz: 50.0,
-            linkage: None,
+            linkage: LinkageSetting::Hoi,
         }
     }
 }
@@ -133,7 +134,7 @@ impl Dynamixel {
 }
 
 /// Settings of `amt21`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Amt21 {
     address: u8,
@@ -143,7 +144,7 @@ pub(super) struct Amt21 {
     zero_counts: u16,
     /// The adapter hands back what was sent.
     echo: bool,
-    linkage: Option<LinkageSetting>,
+    linkage: LinkageSetting,
 }
 
 impl Default for Amt21 {
@@ -154,7 +155,7 @@ impl Default for Amt21 {
             rate_hz: 100.0,
             zero_counts: 0,
             echo: false,
-            linkage: None,
+            linkage: LinkageSetting::Hoi,
         }
     }
 }
@@ -181,7 +182,7 @@ impl Amt21 {
 }
 
 /// Settings of `encoder_line`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EncoderLine {
     /// Negative when it counts down as the angle grows.
@@ -192,7 +193,7 @@ pub(super) struct EncoderLine {
     #[serde(default = "line_baud_bps")]
     pub(super) baud_bps: u32,
     #[serde(default)]
-    linkage: Option<LinkageSetting>,
+    linkage: LinkageSetting,
 }
 
 const fn line_baud_bps() -> u32 {
@@ -219,16 +220,17 @@ impl EncoderLine {
 }
 
 /// Settings of `hid_axis`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct HidAxis {
     /// x, y, z, rx, ry, rz, slider, dial or wheel.
     axis: String,
     /// Negative when it counts down as the angle grows; without it the unit of the device's descriptor is taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
     counts_per_turn: Option<f64>,
     /// Counts at angle 0.
     zero_counts: f64,
-    linkage: Option<LinkageSetting>,
+    linkage: LinkageSetting,
 }
 
 impl Default for HidAxis {
@@ -237,7 +239,7 @@ impl Default for HidAxis {
             axis: Usage::X.name().to_owned(),
             counts_per_turn: None,
             zero_counts: 0.0,
-            linkage: None,
+            linkage: LinkageSetting::Hoi,
         }
     }
 }

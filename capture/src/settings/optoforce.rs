@@ -4,12 +4,12 @@ use ft_drivers::options::Startup;
 use ft_drivers::optoforce::{Config, Scale};
 use ft_drivers::{optoforce_can, optoforce_serial};
 use ft_wire::optoforce_hex::{filter_code, period_ms};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::SignSetting;
 
 /// The scale has no default: it stands in the sensitivity report of the very sensor.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Settings {
     force_counts_per_newton: [f64; 3],

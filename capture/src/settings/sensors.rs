@@ -5,12 +5,12 @@ use std::time::Duration;
 use ft_drivers::options::Startup;
 use ft_drivers::{ati_netcanoem, kunwei_kwr75, leptrino};
 use ft_wire::ati_netcanoem::FACTORY_BASE;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::SignSetting;
 
 /// Settings of `kunwei_kwr75`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Kunwei {
     pub(super) baud_bps: u32,
@@ -53,7 +53,7 @@ impl Kunwei {
 }
 
 /// Settings of `leptrino`. Scale and rate are the sensor's.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Leptrino {
     /// A USB CDC port ignores it.
@@ -81,7 +81,7 @@ impl Leptrino {
 }
 
 /// Settings of `ati_netcanoem`. Scale and units are the board's.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Ati {
     /// Base id, 7 bits.

@@ -145,11 +145,26 @@ fn set_up_by_the_book_ends_in_samples_in_si() {
         serial_number: "FT012345".to_owned(),
         firmware: "3.8.7".to_owned(),
     };
+    let row = |axis| (0..6).map(move |gauge| element(axis, gauge).to_string());
+    let rows = (0..6).map(|axis| row(axis).collect::<Vec<_>>().join(" "));
+    let scale = vec![
+        ("calibration", "0".to_owned()),
+        (
+            "newtons_per_count",
+            (4.448_221_615_260_5_f64 / 100.0).to_string(),
+        ),
+        ("newton_metres_per_count", (1e-3_f64 / 1_000.0).to_string()),
+        (
+            "matrix_counts_per_gauge",
+            rows.collect::<Vec<_>>().join("; "),
+        ),
+    ];
     assert_eq!(
         bench.events(),
         [
             DeviceEvent::Starting,
             DeviceEvent::Identified(identity),
+            DeviceEvent::Scale(scale),
             DeviceEvent::Streaming
         ]
     );
@@ -325,4 +340,19 @@ fn frames_that_are_short_or_foreign_are_told_apart() {
     assert!(short.is_err());
     let counts = bench.device.counts();
     assert_eq!((counts.refused, counts.skipped), (1, 1));
+}
+
+#[test]
+fn a_bus_that_is_never_quiet_is_told_without_a_stop_that_was_not_sent() {
+    let mut bench = Bench::new(AtiNetcanoem::new(Config::default()));
+    for _ in 0..40 {
+        bench.advance_ms(100);
+        answer(&mut bench, 0);
+    }
+    let complaint = &bench.complaints()[0];
+    assert!(
+        complaint.contains("nothing was asked for 3s and frames still come, from another program"),
+        "{complaint}"
+    );
+    assert_eq!(bench.sent, []);
 }

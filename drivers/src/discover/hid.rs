@@ -23,6 +23,8 @@ pub struct FoundHid {
     pub name: String,
     /// Serial number, empty when there is none.
     pub serial_number: String,
+    /// Number of the USB interface: which part of a device that has several under one serial number.
+    pub interface: Option<u8>,
     /// Names of its axes.
     pub axes: Vec<&'static str>,
     /// Whether this user may open it.
@@ -72,6 +74,7 @@ pub fn hid_devices() -> Vec<FoundHid> {
                 product: info.product_id(),
                 name: name(info),
                 serial_number: info.serial_number().unwrap_or_default().to_owned(),
+                interface: u8::try_from(info.interface_number()).ok(),
                 axes,
                 permitted: is_permitted(&path),
                 path,

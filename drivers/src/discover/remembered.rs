@@ -10,30 +10,64 @@ use crate::link::LinkError;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     path: PathBuf,
-    identity: (u16, u16, String),
+    identity: Identity,
+}
+
+/// What stays over a replug.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Identity {
+    vendor: u16,
+    product: u16,
+    serial_number: String,
+    /// Which of the device's interfaces: the channels of an FT2232 or FT4232 share their serial number.
+    interface: Option<u8>,
+}
+
+impl Identity {
+    /// For errors: the serial number, and the interface where `other` differs by that alone.
+    fn beside(&self, other: &Self) -> String {
+        match self.interface {
+            Some(interface) if self.serial_number == other.serial_number => {
+                format!("{}, interface {interface}", self.serial_number)
+            }
+            _ => self.serial_number.clone(),
+        }
+    }
 }
 
 impl From<&FoundPort> for Place {
     fn from(port: &FoundPort) -> Self {
-        let identity = (port.vendor, port.product, port.serial_number.clone());
-        let path = port.path.clone();
-        Self { path, identity }
+        Self {
+            path: port.path.clone(),
+            identity: Identity {
+                vendor: port.vendor,
+                product: port.product,
+                serial_number: port.serial_number.clone(),
+                interface: port.interface,
+            },
+        }
     }
 }
 
 impl From<&FoundHid> for Place {
     fn from(device: &FoundHid) -> Self {
-        let identity = (device.vendor, device.product, device.serial_number.clone());
-        let path = device.path.clone();
-        Self { path, identity }
+        Self {
+            path: device.path.clone(),
+            identity: Identity {
+                vendor: device.vendor,
+                product: device.product,
+                serial_number: device.serial_number.clone(),
+                interface: device.interface,
+            },
+        }
     }
 }
 
-/// A port of the configuration, and the USB serial number of what was there when it was last seen.
+/// A port of the configuration, and the USB serial number and interface of what was there when it was last seen.
 #[derive(Clone, Debug)]
 pub struct RememberedPort {
     configured: PathBuf,
-    seen: Option<(u16, u16, String)>,
+    seen: Option<Identity>,
     there_are: fn() -> Vec<Place>,
 }
 
@@ -102,7 +136,7 @@ impl RememberedPort {
         let Some(seen) = &self.seen else {
             self.seen = there
                 .map(|place| place.identity.clone())
-                .filter(|(_, _, serial_number)| !serial_number.is_empty());
+                .filter(|identity| !identity.serial_number.is_empty());
             return Ok(self.configured.clone());
         };
         if there.is_some_and(|place| place.identity == *seen) {
@@ -113,8 +147,8 @@ impl RememberedPort {
             (None, None) => Ok(self.configured.clone()),
             (None, Some(other)) => Err(LinkError::Other {
                 port: self.configured.display().to_string(),
-                there: other.identity.2.clone(),
-                wanted: seen.2.clone(),
+                there: other.identity.beside(seen),
+                wanted: seen.beside(&other.identity),
             }),
         }
     }

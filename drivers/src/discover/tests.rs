@@ -137,6 +137,7 @@ fn a_usb_port_is_found_with_all_that_sysfs_says() {
     tree.file("sys/devices/usb1/1-2/manufacturer", "FTDI");
     tree.file("sys/devices/usb1/1-2/product", "USB-Serial");
     tree.file("sys/devices/usb1/1-2/serial", "FT1234");
+    tree.file("sys/devices/usb1/1-2/1-2:1.0/bInterfaceNumber", "01");
     tree.file("sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/latency_timer", "16");
     tree.link(
         "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/driver",
@@ -173,6 +174,7 @@ fn a_usb_port_is_found_with_all_that_sysfs_says() {
         (port.manufacturer.as_str(), port.serial_number.as_str()),
         ("FTDI", "FT1234")
     );
+    assert_eq!(port.interface, Some(1));
     assert_eq!(
         (port.driver.as_str(), port.latency_timer_ms),
         ("ftdi_sio", Some(16))
@@ -258,6 +260,7 @@ fn port(path: &str, serial_number: &str) -> FoundPort {
         manufacturer: String::new(),
         product_name: String::new(),
         serial_number: serial_number.to_owned(),
+        interface: Some(0),
         driver: "ftdi_sio".to_owned(),
         latency_timer_ms: Some(1),
         permitted: true,
@@ -281,6 +284,31 @@ fn a_port_is_found_again_by_its_serial_number_under_another_name() {
     assert_eq!(
         refused,
         "/dev/ttyFT90: the device there has serial number B2, the one that was there had A1: plug that one in"
+    );
+}
+
+#[test]
+fn the_channels_of_one_converter_are_told_apart() {
+    let names = ["/dev/ttyFT90", "/dev/ttyFT91"];
+    let at = |path: &str, interface| {
+        let found = FoundPort {
+            interface: Some(interface),
+            ..port(path, "A1")
+        };
+        Place::from(&found)
+    };
+    let mut remembered = RememberedPort::serial(Path::new(names[1]));
+    let mut path = |places: &[Place]| remembered.path_among(places.to_vec());
+    let both = [at(names[0], 0), at(names[1], 1)];
+    assert_eq!(path(&both).unwrap(), Path::new(names[1]));
+    // Replugged, and named the other way round.
+    let swapped = [at(names[0], 1), at(names[1], 0)];
+    assert_eq!(path(&swapped).unwrap(), Path::new(names[0]));
+    let refused = path(&[at(names[1], 0)]).unwrap_err().to_string();
+    assert!(
+        refused.contains("serial number A1, interface 0,")
+            && refused.contains("had A1, interface 1:"),
+        "{refused}"
     );
 }
 
@@ -330,6 +358,7 @@ fn a_hid_device_that_may_not_be_opened_shows_the_line_of_the_rules() {
         product: 0x8036,
         name: "Arduino Leonardo".to_owned(),
         serial_number: "A1".to_owned(),
+        interface: None,
         axes: vec!["x"],
         permitted: false,
     };

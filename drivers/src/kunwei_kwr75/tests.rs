@@ -141,6 +141,31 @@ fn a_spike_is_marked_and_the_samples_around_it_are_not() {
 }
 
 #[test]
+fn a_first_sample_that_the_next_two_contradict_is_marked_and_the_second_is_not() {
+    let mut bench = listening();
+    for kg in [4.0, 1.0, 1.0, 1.0, 1.0] {
+        bench.advance_ms(1);
+        bench.bytes(&sample(kg)).unwrap();
+    }
+    use Quality::{Good, Invalid};
+    assert_eq!(qualities(&bench), [Invalid, Good, Good, Good, Good]);
+    assert_eq!(bench.complaints().len(), 1);
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused, counts.skipped), (5, 0, 0));
+}
+
+#[test]
+fn a_first_sample_is_believed_by_either_of_the_two_behind_it() {
+    let mut bench = listening();
+    for kg in [1.0, 4.0, 1.0, 1.0] {
+        bench.advance_ms(1);
+        bench.bytes(&sample(kg)).unwrap();
+    }
+    use Quality::{Good, Invalid};
+    assert_eq!(qualities(&bench), [Good, Invalid, Good, Good]);
+}
+
+#[test]
 fn a_blow_is_believed_from_its_second_sample_on() {
     let mut bench = locked();
     for kg in [5.0, 5.5, 6.0] {

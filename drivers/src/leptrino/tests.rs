@@ -64,6 +64,10 @@ fn set_up_by_the_book_ends_in_samples_of_the_sensors_own_scale() {
         [
             DeviceEvent::Starting,
             DeviceEvent::Identified(identity),
+            DeviceEvent::Scale(vec![
+                ("rated_force_n", "500 500 1000".to_owned()),
+                ("rated_torque_nm", "10 10 10".to_owned()),
+            ]),
             DeviceEvent::Streaming
         ]
     );

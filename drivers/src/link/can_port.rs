@@ -16,22 +16,50 @@ pub enum CanPort {
     Adapter(Box<GsUsbLink>),
 }
 
-impl CanPort {
-    /// Opens `port` and takes frames with these 11-bit ids only; with no ids, all frames. A name that begins with
-    /// [`gs_usb::PREFIX`] is an [`Address`], any other one an interface of the kernel.
+/// A CAN bus of the configuration. An adapter that is named without its serial number is from then on the one that was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CanName {
+    /// An interface of the kernel.
+    Kernel(String),
+    /// A candleLight adapter in user space.
+    Adapter(Address),
+}
+
+impl CanName {
+    /// Reads a port of the configuration: one that begins with [`gs_usb::PREFIX`] is an [`Address`], any other one an interface of
+    /// the kernel.
+    ///
+    /// # Errors
+    /// An address that is not written as one.
+    pub fn parse(port: &str) -> Result<Self, LinkError> {
+        if port.starts_with(gs_usb::PREFIX) {
+            Address::parse(port).map(Self::Adapter)
+        } else {
+            Ok(Self::Kernel(port.to_owned()))
+        }
+    }
+
+    /// Opens the bus and takes frames with these 11-bit ids only; with no ids, all frames. An adapter without a bit rate in its
+    /// name gets `usual_bps`; the bit rate of the kernel's interfaces is the administrator's.
     ///
     /// # Errors
     /// See [`SocketCanLink::open`] and [`GsUsbLink::open`].
     pub fn open(
-        port: &str,
+        &mut self,
         standard_ids: &[u16],
+        usual_bps: u32,
         clock: MonotonicClock,
-    ) -> Result<Self, LinkError> {
-        if port.starts_with(gs_usb::PREFIX) {
-            let link = GsUsbLink::open(&Address::parse(port)?, standard_ids, clock)?;
-            return Ok(Self::Adapter(Box::new(link)));
+    ) -> Result<CanPort, LinkError> {
+        match self {
+            Self::Kernel(interface) => {
+                SocketCanLink::open(interface, standard_ids, clock).map(CanPort::Kernel)
+            }
+            Self::Adapter(address) => {
+                let link = GsUsbLink::open(address, standard_ids, usual_bps, clock)?;
+                address.remember(link.serial_number());
+                Ok(CanPort::Adapter(Box::new(link)))
+            }
         }
-        SocketCanLink::open(port, standard_ids, clock).map(Self::Kernel)
     }
 }
 
@@ -49,6 +77,13 @@ impl Link for CanPort {
         match self {
             Self::Kernel(link) => link.send(frame),
             Self::Adapter(link) => link.send(frame),
+        }
+    }
+
+    fn overflows(&self) -> u64 {
+        match self {
+            Self::Kernel(link) => link.overflows(),
+            Self::Adapter(link) => link.overflows(),
         }
     }
 

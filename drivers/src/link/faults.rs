@@ -311,6 +311,10 @@ impl<L: Link<Frame: Spoil>> Link for FaultyLink<L> {
         self.link.send(frame)
     }
 
+    fn overflows(&self) -> u64 {
+        self.link.overflows()
+    }
+
     fn take_notice(&mut self) -> Option<String> {
         self.link.take_notice()
     }

@@ -6,6 +6,7 @@
 mod address;
 mod echoes;
 mod stamps;
+mod waiting;
 
 use std::io;
 use std::time::Duration;
@@ -19,13 +20,18 @@ use rusb::{Context, DeviceHandle, Direction, TransferType};
 pub use self::address::{Address, PREFIX};
 use self::echoes::Echoes;
 use self::stamps::AdapterClock;
+use self::waiting::Waiting;
 use crate::clock::{Clock, MonotonicClock};
 use crate::discover;
 use crate::link::can_errors::{CanErrors, ErrorWatch};
 use crate::link::{Link, LinkError, RxStamps};
 
-/// Longest wait for an answer to a request, which Linux's driver waits too, and for room in the adapter.
+/// Longest wait for an answer to a request, which Linux's driver waits too.
 const ANSWER: Duration = Duration::from_secs(1);
+/// Longest wait for room in the adapter in one call; what found none waits ([`Waiting`]) while frames are read. USB carries a frame
+/// within a millisecond, and [`Echoes`] keeps fewer under way than the adapter has room for. Meanwhile nobody reads: the room for 64
+/// frames that candleLight's smallest adapters have must last, at two frames a millisecond of a sensor at 1 kHz.
+const ROOM: Duration = Duration::from_millis(5);
 /// Longest wait in one call of libusb; 0 would mean for ever.
 const WAIT: (Duration, Duration) = (Duration::from_millis(1), Duration::from_secs(1));
 /// Silence after which the adapter holds nothing that is left over, and how many frames it may hold at most.
@@ -44,6 +50,7 @@ const INTERFACE: u8 = 0;
 pub struct GsUsbLink {
     handle: DeviceHandle<Context>,
     name: String,
+    serial_number: String,
     channel: u8,
     /// Addresses of the bulk endpoints, from and to the adapter.
     endpoints: (u8, u8),
@@ -52,6 +59,7 @@ pub struct GsUsbLink {
     clock: MonotonicClock,
     adapter_clock: AdapterClock,
     echoes: Echoes,
+    waiting: Waiting,
     watch: ErrorWatch,
     dropped: Dropped,
     told: Dropped,
@@ -67,8 +75,8 @@ struct Dropped {
 }
 
 impl GsUsbLink {
-    /// Opens the adapter, starts its channel at the address's bit rate and takes frames with these 11-bit ids only; with no
-    /// ids, all frames.
+    /// Opens the adapter, starts its channel at the address's bit rate, or at `usual_bps` where it has none, and takes frames with
+    /// these 11-bit ids only; with no ids, all frames.
     ///
     /// # Errors
     /// There is no such adapter or channel, it is busy or not permitted, its clock does not give the bit rate, or it does not
@@ -76,6 +84,7 @@ impl GsUsbLink {
     pub fn open(
         address: &Address,
         standard_ids: &[u16],
+        usual_bps: u32,
         clock: MonotonicClock,
     ) -> Result<Self, LinkError> {
         let name = address.to_string();
@@ -91,8 +100,13 @@ impl GsUsbLink {
         let endpoints = endpoints(&device)
             .map_err(failed("read the descriptor"))?
             .ok_or_else(|| wrong_device(&name))?;
+        let serial_number = device
+            .device_descriptor()
+            .and_then(|descriptor| handle.read_serial_number_string_ascii(&descriptor))
+            .unwrap_or_default();
         let mut link = Self {
             handle,
+            serial_number,
             channel: address.channel,
             endpoints,
             stamps: Stamps::Absent,
@@ -100,13 +114,20 @@ impl GsUsbLink {
             clock,
             adapter_clock: AdapterClock::new(),
             echoes: Echoes::default(),
+            waiting: Waiting::new(),
             watch: ErrorWatch::new(),
             dropped: Dropped::default(),
             told: Dropped::default(),
             name,
         };
-        link.start(address.bitrate_bps)?;
+        link.start(address.bitrate_bps.unwrap_or(usual_bps))?;
         Ok(link)
+    }
+
+    /// The adapter's serial number, empty when it has none.
+    #[must_use]
+    pub fn serial_number(&self) -> &str {
+        &self.serial_number
     }
 
     /// Error frames so far.
@@ -250,6 +271,21 @@ impl GsUsbLink {
         }
     }
 
+    /// Sends what waits, as far as there is room.
+    fn flush(&mut self) -> Result<(), LinkError> {
+        let (handle, endpoint, name) = (&self.handle, self.endpoints.1, &self.name);
+        let write = |bytes: &[u8]| match handle.write_bulk(endpoint, bytes, ROOM) {
+            Ok(_) => Ok(true),
+            Err(rusb::Error::Timeout | rusb::Error::Interrupted) => Ok(false),
+            Err(error) => Err(transfer_error("write", name.clone(), error)),
+        };
+        if self.waiting.flush(self.clock.now(), write)? {
+            return Ok(());
+        }
+        let port = self.name.clone();
+        Err(LinkError::NoAcknowledge { port })
+    }
+
     fn is_wanted(&self, frame: &CanFrame) -> bool {
         self.standard_ids.is_empty()
             || (!frame.is_extended()
@@ -321,6 +357,7 @@ impl Link for GsUsbLink {
     type Frame = CanFrame;
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(CanFrame, RxStamps)>, LinkError> {
+        self.flush()?;
         let mut transfer = [0; TRANSFER];
         loop {
             let left = deadline.saturating_since(self.clock.now());
@@ -343,16 +380,17 @@ impl Link for GsUsbLink {
     }
 
     fn send(&mut self, frame: &CanFrame) -> Result<(), LinkError> {
-        let unheard = || LinkError::NoAcknowledge {
-            port: self.name.clone(),
+        let Some(echo_id) = self.echoes.take() else {
+            let port = self.name.clone();
+            return Err(LinkError::NoAcknowledge { port });
         };
-        let echo_id = self.echoes.take().ok_or_else(unheard)?;
-        let bytes = wire::encode(echo_id, self.channel, frame);
-        match self.handle.write_bulk(self.endpoints.1, &bytes, ANSWER) {
-            Ok(_) => Ok(()),
-            Err(rusb::Error::Timeout) => Err(unheard()),
-            Err(error) => Err(transfer_error("write", self.name.clone(), error)),
-        }
+        self.waiting
+            .push(wire::encode(echo_id, self.channel, frame));
+        self.flush()
+    }
+
+    fn overflows(&self) -> u64 {
+        self.dropped.overflows
     }
 
     fn take_notice(&mut self) -> Option<String> {
@@ -397,9 +435,16 @@ mod tests {
     }
 
     #[test]
+    fn no_wait_for_room_outlasts_the_frames_that_the_adapter_keeps_for_us() {
+        const KEPT: u32 = 64;
+        let period_of_a_frame = Duration::from_micros(500);
+        assert!(2 * ROOM <= KEPT * period_of_a_frame, "{ROOM:?}");
+    }
+
+    #[test]
     fn an_adapter_that_is_not_there_is_named() {
         let address = Address::parse("gs_usb:no-such-adapter").unwrap();
-        let missing = GsUsbLink::open(&address, &[], MonotonicClock::anchored_now());
+        let missing = GsUsbLink::open(&address, &[], 1_000_000, MonotonicClock::anchored_now());
         let Err(LinkError::NotFound { port }) = missing else {
             panic!("{missing:?}");
         };

@@ -26,6 +26,16 @@ mod bits {
     pub(super) const ALL_ERRORS: u32 = 0x1FFF_FFFF;
 }
 
+/// `SO_MEMINFO` of `asm-generic/socket.h`: nine words about a socket's memory, of which the last one (`SK_MEMINFO_DROPS` of
+/// `linux/sock_diag.h`) counts frames for which its receive queue had no room. `SO_RXQ_OVFL` reports the same counter beside frames.
+mod memory {
+    pub(super) const SOL_SOCKET: i32 = 1;
+    pub(super) const SO_MEMINFO: i32 = 55;
+    pub(super) const WORDS: usize = 9;
+}
+/// How often the kernel is asked for it.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
 /// An open CAN interface.
 ///
 /// Arrivals are the kernel's software receive stamps, put onto the [`MonotonicClock`] by their age at the read; a step of
@@ -37,6 +47,9 @@ pub struct SocketCanLink {
     clock: MonotonicClock,
     watch: ErrorWatch,
     foreign: u64,
+    overflows: u64,
+    overflow_told: bool,
+    look_again_at: HostTime,
     last_arrival: HostTime,
 }
 
@@ -79,6 +92,9 @@ impl SocketCanLink {
             clock,
             watch: ErrorWatch::new(),
             foreign: 0,
+            overflows: 0,
+            overflow_told: false,
+            look_again_at: HostTime::EPOCH,
             last_arrival: HostTime::EPOCH,
         })
     }
@@ -93,6 +109,18 @@ impl SocketCanLink {
     #[must_use]
     pub const fn foreign(&self) -> u64 {
         self.foreign
+    }
+
+    /// Frames for which the receive queue had no room so far; a kernel before 4.12 does not say.
+    fn ask_for_overflows(&self) -> Option<u64> {
+        let mut words = [0; 4 * memory::WORDS];
+        let asked =
+            self.socket
+                .get_socket_option_bytes(memory::SOL_SOCKET, memory::SO_MEMINFO, &mut words);
+        let last = words
+            .last_chunk()
+            .filter(|_| asked.ok() == Some(words.len()))?;
+        Some(u32::from_ne_bytes(*last).into())
     }
 
     fn error(&self, call: &'static str, source: io::Error) -> LinkError {
@@ -204,8 +232,23 @@ impl Link for SocketCanLink {
             .map_err(|error| self.error("write", error))
     }
 
+    fn overflows(&self) -> u64 {
+        self.overflows
+    }
+
     fn take_notice(&mut self) -> Option<String> {
-        self.watch.notice(self.clock.now(), &self.interface)
+        let now = self.clock.now();
+        if now >= self.look_again_at {
+            self.look_again_at = now + LOOK_EVERY;
+            self.overflows = self.ask_for_overflows().unwrap_or(self.overflows);
+        }
+        if self.overflows > 0 && !std::mem::replace(&mut self.overflow_told, true) {
+            let (interface, overflows) = (&self.interface, self.overflows);
+            return Some(format!(
+                "{interface}: frames are lost ({overflows} found no room in the kernel's queue): this machine is too busy"
+            ));
+        }
+        self.watch.notice(now, &self.interface)
     }
 }
 

@@ -354,6 +354,100 @@ fn a_second_half_that_was_overtaken_never_joins_the_wrong_first() {
     assert_eq!(bench.wrenches()[1].wrench.force[0], 3.0 / 50.0);
 }
 
+/// Ten samples at 1 kHz, halves 0.13 ms apart; then it is the first half of the next one.
+fn at_1_khz() -> Bench<RobotousCan> {
+    let mut bench = listening();
+    for _ in 0..10 {
+        let [first, second] = wire::response_frames(CanIds::default(), &Response::Stream(RECORD));
+        bench.frame(&first).unwrap();
+        bench.advance(Duration::from_micros(130));
+        bench.frame(&second).unwrap();
+        bench.advance(Duration::from_micros(870));
+    }
+    bench
+}
+
+/// Halves of samples number 1, 2, ...
+fn numbered(number: i16) -> [CanFrame; 2] {
+    let record = Record {
+        force: [number; 3],
+        torque: [number; 3],
+        overload: 0,
+    };
+    wire::response_frames(CanIds::default(), &Response::Stream(record))
+}
+
+#[test]
+fn two_frames_lost_in_a_row_never_join_what_is_left_of_two_samples() {
+    let mut bench = at_1_khz();
+    let ([a, _], [_, b], [c1, c2]) = (numbered(1), numbered(2), numbered(3));
+    bench.frame(&a).unwrap();
+    bench.advance(Duration::from_micros(1_130));
+    bench.frame(&b).unwrap();
+    bench.advance(Duration::from_micros(870));
+    bench.frame(&c1).unwrap();
+    bench.advance(Duration::from_micros(130));
+    bench.frame(&c2).unwrap();
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused), (11, 2), "{counts:?}");
+    let wrenches = bench.wrenches();
+    assert_eq!(wrenches[10].wrench.force[0], 3.0 / 50.0);
+}
+
+#[test]
+fn a_second_half_that_is_stamped_a_period_late_still_joins() {
+    let mut bench = at_1_khz();
+    let ([a1, a2], [b1, b2], [c1, c2]) = (numbered(1), numbered(2), numbered(3));
+    bench.frame(&a1).unwrap();
+    bench.advance(Duration::from_micros(1_200));
+    let late = bench.now;
+    // What waited behind it comes at once.
+    for half in [a2, b1, b2] {
+        bench.frame(&half).unwrap();
+    }
+    bench.advance(Duration::from_micros(800));
+    for half in [c1, c2] {
+        bench.frame(&half).unwrap();
+    }
+    let counts = bench.device.counts();
+    assert_eq!(
+        counts,
+        Counts {
+            received: 13,
+            ..Counts::default()
+        }
+    );
+    let wrenches = &bench.wrenches()[10..];
+    let first = wrenches.iter().map(|reading| reading.wrench.force[0]);
+    assert_eq!(first.collect::<Vec<_>>(), [0.02, 0.04, 0.06]);
+    assert_eq!(wrenches[0].at.arrival, late);
+}
+
+#[test]
+fn a_second_half_that_is_later_still_joins_when_the_next_sample_is_right_behind_it() {
+    let mut bench = at_1_khz();
+    let ([a1, a2], [b1, b2]) = (numbered(1), numbered(2));
+    bench.frame(&a1).unwrap();
+    bench.advance(Duration::from_micros(1_700));
+    for half in [a2, b1, b2] {
+        bench.frame(&half).unwrap();
+    }
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused), (12, 0), "{counts:?}");
+}
+
+#[test]
+fn what_is_in_doubt_when_the_stream_falls_silent_is_refused() {
+    let mut bench = at_1_khz();
+    let ([a, _], [_, b]) = (numbered(1), numbered(2));
+    bench.frame(&a).unwrap();
+    bench.advance(Duration::from_micros(1_130));
+    bench.frame(&b).unwrap();
+    bench.advance_ms(600);
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused), (10, 1), "{counts:?}");
+}
+
 #[test]
 fn a_first_half_left_alone_is_refused_when_the_stream_is_lost() {
     let mut bench = listening();

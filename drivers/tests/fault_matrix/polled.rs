@@ -16,7 +16,9 @@ use ft_wire::dynamixel2::{Packet, Params, PresentState, StatusError};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
 use super::cases::{chunk, counts};
-use super::run::{FAULTS, Fault, HITS, Outcome, Row, SAMPLES, START, Seeded, values};
+use super::run::{
+    FAULTS, Fault, HITS, LONG_STALLS, Outcome, PULLS, Row, SAMPLES, START, Seeded, values,
+};
 
 /// What a request asks for.
 enum Asked<F> {
@@ -135,6 +137,9 @@ struct Answering<'a, D, F> {
     random: Seeded,
     polls: Rc<Cell<usize>>,
     answers: VecDeque<(F, HostTime)>,
+    /// Nothing comes before.
+    stalled_until: HostTime,
+    pulled: Rc<Cell<bool>>,
 }
 
 impl<D, F: Spoil> Answering<'_, D, F> {
@@ -150,7 +155,7 @@ impl<D, F: Spoil> Answering<'_, D, F> {
             Fault::Lost => {
                 frames.remove(victim);
             }
-            Fault::Restarted => frames.clear(),
+            Fault::Restarted | Fault::Burst => frames.clear(),
             Fault::Duplicated => frames.extend(frames.clone()),
             Fault::Corrupted => {
                 let bit = self.random.below(frames[victim].bits());
@@ -162,6 +167,11 @@ impl<D, F: Spoil> Answering<'_, D, F> {
                 frames = vec![first, second];
             }
             Fault::Stalled => return (frames, Duration::from_millis(8)),
+            Fault::LongStall => {
+                let of_this = LONG_STALLS.iter().find(|(begin, _)| *begin == index);
+                let (_, stall_ms) = of_this.unwrap();
+                self.stalled_until = self.clock.now() + Duration::from_millis(*stall_ms);
+            }
             _ => {}
         }
         (frames, delay)
@@ -172,6 +182,10 @@ impl<D, F: Spoil> Link for Answering<'_, D, F> {
     type Frame = F;
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(F, RxStamps)>, LinkError> {
+        if self.pulled.get() {
+            let port = "a device".to_owned();
+            return Err(LinkError::Gone { port });
+        }
         match self.answers.front() {
             Some((_, arrival)) if *arrival <= deadline => {
                 let arrival = *arrival;
@@ -197,14 +211,14 @@ impl<D, F: Spoil> Link for Answering<'_, D, F> {
                 self.answer(index)
             }
         };
-        let arrival = self.clock.now() + delay;
+        let arrival = (self.clock.now() + delay).max(self.stalled_until);
         self.answers
             .extend(frames.into_iter().map(|frame| (frame, arrival)));
         Ok(())
     }
 }
 
-/// Polls from `first` to `last`, the answer to which does not count any more.
+/// Polls from `first` to `last`, the answer to which does not count any more: then the plug is pulled.
 fn poll<D, F>(
     case: &Case<D, F>,
     fault: Option<Fault>,
@@ -218,11 +232,14 @@ fn poll<D, F>(
     let clock = SteppedClock::new(START);
     let counter = Rc::new(Cell::new(polls.0));
     let mut random = Seeded(seed);
-    let hits = if fault == Some(Fault::Restarted) {
-        (1_000..1_005).collect()
-    } else {
-        random.hits()
+    let hits = match fault {
+        Some(Fault::Restarted) => (1_000..1_005).collect(),
+        Some(Fault::Burst) => random.bursts(1).into_iter().flatten().collect(),
+        Some(Fault::LongStall) => LONG_STALLS.map(|(begin, _)| begin).to_vec(),
+        _ => random.hits(),
     };
+    out.hits = hits.len() as u64;
+    let pulled = Rc::new(Cell::new(false));
     let link = Answering {
         case,
         clock: clock.clone(),
@@ -231,12 +248,17 @@ fn poll<D, F>(
         random,
         polls: Rc::clone(&counter),
         answers: VecDeque::new(),
+        stalled_until: HostTime::EPOCH,
+        pulled: Rc::clone(&pulled),
     };
     let mut pump = Pump::new((case.make)(), link);
     while counter.get() <= polls.1 {
         let deadline = clock.now() + Duration::from_millis(1);
         pump.turn(&clock, deadline, out).unwrap();
     }
+    pulled.set(true);
+    let ended = pump.turn(&clock, clock.now(), out);
+    out.gone += usize::from(matches!(ended, Err(LinkError::Gone { .. })));
     out.counts = out.counts + pump.counts();
 }
 
@@ -285,9 +307,14 @@ where
     }
     let mut out = Outcome::default();
     if fault == Fault::Unplugged {
-        // Pulled before the answer of poll 1000 has come.
-        poll(case, None, seed, (0, 1_000), &mut out);
-        poll(case, None, seed, (1_001, SAMPLES), &mut out);
+        // Pulled before an answer has come.
+        let mut next = 0;
+        for pull in 1..=PULLS {
+            let last = pull * SAMPLES / (PULLS + 1);
+            poll(case, None, seed, (next, last), &mut out);
+            next = last + 1;
+        }
+        poll(case, None, seed, (next, SAMPLES), &mut out);
     } else {
         poll(case, Some(fault), seed, (0, SAMPLES), &mut out);
     }
@@ -296,6 +323,8 @@ where
     let (all, hits) = (SAMPLES as u64, HITS as u64);
     let delivered = out.samples().len() as u64;
     assert_eq!(delivered, counts.received, "{what}: {counts:?}");
+    // The last link ends with the test.
+    let pulled = out.gone - 1;
     let counted = |seen: u64, hits: u64| {
         assert_eq!(seen, hits, "{what}: {counts:?}");
         format!("{seen}/{hits}")
@@ -315,8 +344,22 @@ where
             counted(counts.skipped / pieces, hits)
         }
         Fault::Unplugged => {
-            assert_eq!((delivered, counts.gaps), (all - 1, 0), "{what}: {counts:?}");
-            "1/1".to_owned()
+            let pulls = PULLS as u64;
+            assert_eq!(
+                (delivered, counts.gaps),
+                (all - pulls, 0),
+                "{what}: {counts:?}"
+            );
+            counted(pulled as u64, pulls)
+        }
+        Fault::Burst => {
+            assert_eq!(delivered + out.hits, all, "{what}: {counts:?}");
+            counted(counts.gaps, out.hits)
+        }
+        Fault::LongStall => {
+            // Every poll that was left unanswered is a gap, and the device is set up anew; late answers are no samples.
+            assert_eq!(delivered + counts.gaps, all, "{what}: {counts:?}");
+            counted(out.losses() as u64, LONG_STALLS.len() as u64)
         }
         Fault::Overload => {
             assert_eq!(delivered, all, "{what}: {counts:?}");

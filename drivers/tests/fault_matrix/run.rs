@@ -3,14 +3,22 @@
 use ft_drivers::device::Counted;
 use ft_drivers::link::replay::ReplayLink;
 use ft_drivers::pump::{Outlet, Pump};
-use ft_drivers::reading::{Counts, Quality, Reading};
-use ft_drivers::{Device, RxStamps, SteppedClock};
+use ft_drivers::reading::{Counts, DeviceEvent, Quality, Reading};
+use ft_drivers::{Device, LinkError, RxStamps, SteppedClock};
 use ft_wire::HostTime;
 
 /// Samples of a cell.
 pub(crate) const SAMPLES: usize = 2_000;
 /// Samples that are hit.
 pub(crate) const HITS: usize = 100;
+/// Times that the plug is pulled.
+pub(crate) const PULLS: usize = 5;
+/// Bursts, each of which takes neighbouring frames.
+pub(crate) const BURSTS: usize = 20;
+/// Most frames, or polls, that a burst takes.
+pub(crate) const LONGEST_BURST: usize = 9;
+/// Where the long stalls begin, and how long they are, ms: longer than a driver waits for a sample, and than a clock may jump.
+pub(crate) const LONG_STALLS: [(usize, u64); 2] = [(100, 1_100), (1_250, 1_200)];
 pub(crate) const START: HostTime = HostTime::from_nanos(1_000_000_000_000);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,9 +34,11 @@ pub(crate) enum Fault {
     Unplugged,
     Restarted,
     Overload,
+    Burst,
+    LongStall,
 }
 
-pub(crate) const FAULTS: [Fault; 11] = [
+pub(crate) const FAULTS: [Fault; 13] = [
     Fault::Lost,
     Fault::Duplicated,
     Fault::Reordered,
@@ -40,6 +50,8 @@ pub(crate) const FAULTS: [Fault; 11] = [
     Fault::Unplugged,
     Fault::Restarted,
     Fault::Overload,
+    Fault::Burst,
+    Fault::LongStall,
 ];
 
 impl Fault {
@@ -56,6 +68,8 @@ impl Fault {
             Self::Unplugged => "unplugged",
             Self::Restarted => "restarted",
             Self::Overload => "overload",
+            Self::Burst => "bursts lost",
+            Self::LongStall => "long stalls",
         }
     }
 }
@@ -77,6 +91,15 @@ impl Seeded {
         ((mixed ^ (mixed >> 31)) % bound as u64) as usize
     }
 
+    /// First and last but one of each burst, in a stretch of `per_sample` frames a sample.
+    pub(crate) fn bursts(&mut self, per_sample: usize) -> Vec<core::ops::Range<usize>> {
+        let burst = |burst: usize| {
+            let first = per_sample * (60 + burst * 95) + self.below(20 * per_sample);
+            first..first + 2 + self.below(LONGEST_BURST - 1)
+        };
+        (0..BURSTS).map(burst).collect()
+    }
+
     /// Indices of the samples that are hit: one in each stretch of 19, at least ten apart, none at either end.
     pub(crate) fn hits(&mut self) -> Vec<usize> {
         (0..HITS).map(|hit| 60 + hit * 19 + self.below(9)).collect()
@@ -88,6 +111,10 @@ impl Seeded {
 pub(crate) struct Outcome {
     pub(crate) readings: Vec<Reading>,
     pub(crate) counts: Counts,
+    /// Links that ended.
+    pub(crate) gone: usize,
+    /// Polls that were hit.
+    pub(crate) hits: u64,
 }
 
 impl<F> Outlet<F> for Outcome {
@@ -129,10 +156,29 @@ impl Outcome {
             .into_iter()
             .map(|(frame, arrival)| (frame, RxStamps { arrival }));
         let mut pump = Pump::new(device, ReplayLink::new(clock.clone(), stamped));
-        while pump.link().next_arrival().is_some() {
-            pump.turn(&clock, HostTime::FAR_FUTURE, self).unwrap();
+        loop {
+            match pump.turn(&clock, HostTime::FAR_FUTURE, self) {
+                Ok(_) => {}
+                Err(LinkError::Gone { .. }) => break,
+                Err(error) => panic!("{error}"),
+            }
         }
+        self.gone += 1;
         self.counts = self.counts + pump.counts();
+    }
+
+    /// Times that the driver called its device lost.
+    pub(crate) fn losses(&self) -> usize {
+        let lost = |reading: &&Reading| {
+            matches!(
+                reading,
+                Reading::Event {
+                    event: DeviceEvent::Lost { .. },
+                    ..
+                }
+            )
+        };
+        self.readings.iter().filter(lost).count()
     }
 
     /// Fails unless every sample delivered as good is one of `sent`, within `tolerance` of each number.

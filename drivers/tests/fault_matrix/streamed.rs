@@ -9,7 +9,9 @@ use ft_drivers::reading::Reading;
 use ft_wire::HostTime;
 
 use super::cases;
-use super::run::{FAULTS, Fault, HITS, Outcome, Row, SAMPLES, START, Seeded, values};
+use super::run::{
+    BURSTS, FAULTS, Fault, HITS, LONG_STALLS, Outcome, PULLS, Row, SAMPLES, START, Seeded, values,
+};
 
 /// Ticks of a device clock before its first sample, so that a restart is seen.
 const FIRST_TICK: u64 = 20_000;
@@ -198,15 +200,41 @@ where
         }
         Fault::Unplugged => {
             // Pulled in the middle of a frame, and back 50 samples later.
-            let mut before = stream(case, 0..1_000, |index| FIRST_TICK + index as u64);
-            if let Some((half, at)) = before.pop() {
-                before.extend(half.split(half.bits() / 16).map(|(first, _)| (first, at)));
+            let mut back = 0;
+            for pull in 1..=PULLS {
+                let pulled = pull * SAMPLES / (PULLS + 1);
+                let mut before = stream(case, back..pulled, |index| FIRST_TICK + index as u64);
+                if let Some((half, at)) = before.pop() {
+                    before.extend(half.split(half.bits() / 16).map(|(first, _)| (first, at)));
+                }
+                out.play((case.make)(), before);
+                back = pulled + 50;
             }
-            out.play((case.make)(), before);
             out.play(
                 (case.make)(),
-                stream(case, 1_050..SAMPLES, |index| FIRST_TICK + index as u64),
+                stream(case, back..SAMPLES, |index| FIRST_TICK + index as u64),
             );
+        }
+        Fault::Burst => {
+            let frames = stream(case, 0..SAMPLES, |index| FIRST_TICK + index as u64);
+            let per_sample = frames.len() / SAMPLES;
+            let bursts = random.bursts(per_sample);
+            let taken = |frame: usize| bursts.iter().any(|burst| burst.contains(&frame));
+            let left = frames.into_iter().enumerate();
+            let left = left.filter(|(frame, _)| !taken(*frame));
+            out.play((case.make)(), left.map(|(_, frame)| frame).collect());
+            out.assert_good_is_true(sent, &[1e-9; 7], &what);
+            return judge_bursts(case, &bursts, per_sample, &out, &what);
+        }
+        Fault::LongStall => {
+            let mut frames = stream(case, 0..SAMPLES, |index| FIRST_TICK + index as u64);
+            for (index, stall_ms) in LONG_STALLS {
+                let begin = START + Duration::from_millis(10 + index as u64);
+                let end = begin + Duration::from_millis(stall_ms);
+                let late = frames.iter_mut().filter(|(_, at)| *at >= begin);
+                late.for_each(|(_, at)| *at = (*at).max(end));
+            }
+            out.play((case.make)(), frames);
         }
         Fault::Restarted => {
             // Silent for 300 ms, then from the beginning of its clock.
@@ -360,7 +388,7 @@ fn judge<D, F>(case: &Case<D, F>, fault: Fault, out: &Outcome, many: bool, what:
             // Both samples that met are lost, and counted.
             assert_eq!(delivered + 2 * hits, all, "{what}: {counts:?}");
             assert!(counts.refused >= 2 * hits, "{what}: {counts:?}");
-            format!("{hits}/{hits}")
+            counted((all - delivered) / 2)
         }
         Fault::Reordered => kept(),
         Fault::Corrupted if case.check == Check::Steps => {
@@ -379,17 +407,29 @@ fn judge<D, F>(case: &Case<D, F>, fault: Fault, out: &Outcome, many: bool, what:
         Fault::Merged | Fault::Split | Fault::Stalled => kept(),
         Fault::ClockJump => {
             assert_eq!((delivered, counts.gaps), (all, 0), "{what}: {counts:?}");
-            assert_eq!(warnings(out), 1, "{what}");
-            "1/1".to_owned()
+            told(out, what)
         }
         Fault::Unplugged => {
-            // The sample in the middle of which the plug was pulled, and the 50 until it was back.
+            // The samples in the middle of which the plug was pulled, and the 50 until it was back.
             assert_eq!(
                 (delivered, counts.gaps),
-                (all - 51, 0),
+                (all - 51 * PULLS as u64, 0),
                 "{what}: {counts:?}"
             );
-            "1/1".to_owned()
+            // The last link ends with the stream.
+            let pulled = out.gone - 1;
+            assert_eq!(pulled, PULLS, "{what}");
+            format!("{pulled}/{PULLS}")
+        }
+        Fault::LongStall => {
+            let cell = kept();
+            // A device that only tells changes may be silent.
+            if out.losses() == 0 {
+                return cell;
+            }
+            let (losses, stalls) = (out.losses(), LONG_STALLS.len());
+            assert_eq!((losses, warnings(out)), (stalls, 0), "{what}");
+            format!("{losses}/{stalls}")
         }
         Fault::Restarted => {
             assert_eq!(
@@ -400,14 +440,72 @@ fn judge<D, F>(case: &Case<D, F>, fault: Fault, out: &Outcome, many: bool, what:
             if case.clocked == Clocked::No {
                 return "blind".to_owned();
             }
-            assert_eq!(warnings(out), 1, "{what}");
-            "1/1".to_owned()
+            told(out, what)
         }
         Fault::Overload => {
             assert_eq!(delivered, all, "{what}: {counts:?}");
             counted(out.samples().iter().filter(|(_, good)| !good).count() as u64)
         }
+        Fault::Burst => unreachable!("judged by its frames"),
     }
+}
+
+/// One warning, of the one thing that happened.
+fn told(out: &Outcome, what: &str) -> String {
+    let warnings = warnings(out);
+    assert_eq!(warnings, 1, "{what}");
+    format!("{warnings}/1")
+}
+
+/// What the counters show of bursts, as a cell: samples, or for a sensor without a clock the bursts that left a trace.
+fn judge_bursts<D, F>(
+    case: &Case<D, F>,
+    bursts: &[core::ops::Range<usize>],
+    per_sample: usize,
+    out: &Outcome,
+    what: &str,
+) -> String {
+    let (counts, all) = (out.counts, SAMPLES as u64);
+    let samples = |burst: &core::ops::Range<usize>| {
+        (burst.end - 1) / per_sample - burst.start / per_sample + 1
+    };
+    let hit: u64 = bursts.iter().map(|burst| samples(burst) as u64).sum();
+    let delivered = out.samples().len() as u64;
+    assert_eq!(delivered, counts.received, "{what}: {counts:?}");
+    if case.clocked == Clocked::Yes {
+        assert_eq!(
+            (counts.gaps, delivered),
+            (hit, all - hit),
+            "{what}: {counts:?}"
+        );
+        return format!("{}/{hit}", counts.gaps);
+    }
+    if per_sample == 1 {
+        assert_eq!(delivered, all - hit, "{what}: {counts:?}");
+        return "blind".to_owned();
+    }
+    // Pairs: what is left of the sample that a burst begins or ends in is found out and counted, once as lost or as skipped.
+    let (mut refused, mut skipped, mut more, mut traced) = (0, 0, 0, 0);
+    for burst in bursts {
+        let apart = (burst.end / 2 - burst.start / 2) as u64;
+        traced += usize::from(burst.start % 2 == 1 || burst.end % 2 == 1);
+        match (burst.start % 2, burst.end % 2) {
+            // Both halves that are left might be of one sample, or are too far apart for that.
+            (1, 1) if apart < 5 => refused += 2,
+            (1, 1) => (refused, skipped) = (refused + 1, skipped + 1),
+            // A first half behind a first half: nobody can tell whose the next second half is.
+            (1, 0) if apart <= 5 => (refused, skipped, more) = (refused + 2, skipped + 1, more + 1),
+            (1, 0) => refused += 1,
+            (0, 1) => skipped += 1,
+            _ => {}
+        }
+    }
+    assert_eq!(
+        (delivered, counts.refused, counts.skipped),
+        (all - hit - more, refused, skipped),
+        "{what}"
+    );
+    format!("{traced}/{BURSTS}")
 }
 
 fn warnings(out: &Outcome) -> usize {

@@ -140,6 +140,38 @@ fn a_candlelights_jump_is_half_of_the_second_phase() {
     assert_eq!((jump(4), jump(1)), ((4, 2), (4, 1)));
 }
 
+/// What CiA recommends and Linux's driver takes: 87.5 % of a bit up to 500 kbit/s, 80 % up to 800 kbit/s, 75 % above. With the limits
+/// of candleLight's firmware on a clock of 48 MHz.
+#[test]
+fn candlelight_bits_are_sampled_where_cia_says() {
+    let words: [u32; 10] = [0x13, 48_000_000, 1, 16, 1, 8, 4, 1, 1024, 1];
+    let limits = gs_usb::Limits::decode(&words.map(u32::to_le_bytes).concat()).unwrap();
+    for (bitrate_bps, thousandths) in [
+        (125_000, 875),
+        (250_000, 875),
+        (500_000, 875),
+        (800_000, 800),
+        (1_000_000, 750),
+    ] {
+        let timing = limits.timing(bitrate_bps).unwrap();
+        let before = 1 + timing.propagation + timing.phase_1;
+        let quanta = before + timing.phase_2;
+        assert_eq!(48_000_000 / timing.divisor / quanta, bitrate_bps);
+        assert_eq!(1_000 * before / quanta, thousandths, "{bitrate_bps}");
+    }
+}
+
+/// XM430: a turn is 4096 counts, a count of the velocity 0.229 turns a minute, of the current 2.69 mA.
+#[test]
+fn dynamixel_units_are_those_of_the_manual() {
+    let units = [
+        dynamixel2::COUNTS_PER_TURN,
+        dynamixel2::VELOCITY_UNIT_RPM,
+        dynamixel2::CURRENT_UNIT_A,
+    ];
+    assert_eq!(units, [4096.0, 0.229, 0.002_69]);
+}
+
 /// The control table of XL330, XL430 and XM430.
 #[test]
 fn dynamixel_addresses_are_those_of_the_manual() {

@@ -184,7 +184,8 @@ fn failed(error: &dyn std::error::Error) -> (u8, String) {
 fn scenarios() -> Outcome {
     for name in Scenario::builtin_names() {
         let scenario = Scenario::builtin(name).map_err(|error| failed(&error))?;
-        println!("{name:14} {}", scenario.description);
+        let sensor = scenario.sensor.driver.name();
+        println!("{name:14} {} Sensor: {sensor}.", scenario.description);
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -1,4 +1,4 @@
-//! How device clocks stood to the host's, by `/diagnostics`.
+//! How device clocks stood to the host's, and who the devices are, by `/diagnostics`.
 
 use std::collections::BTreeMap;
 
@@ -18,14 +18,20 @@ pub struct ClockReport {
     pub largest_spread_us: f64,
 }
 
-/// What `/diagnostics` says of device clocks.
+/// What `/diagnostics` says of devices and their clocks.
 #[derive(Default)]
 pub(super) struct Clocks {
     pub(super) clocks: BTreeMap<String, ClockReport>,
     /// What devices warned of, as last said.
     pub(super) warnings: BTreeMap<String, String>,
+    /// Who devices are and how they were set, as last said.
+    pub(super) devices: BTreeMap<String, BTreeMap<String, String>>,
     first_ns: Option<u64>,
 }
+
+/// Keys that say who a device is, and what the others begin with that say how it is set.
+const IDENTITY: [&str; 3] = ["model", "serial_number", "firmware"];
+const SET: [&str; 2] = ["settings.", "scale."];
 
 /// Until then a clock's skew is not yet known, ns.
 const CLOCKS_SETTLE_NS: u64 = 10_000_000_000;
@@ -40,6 +46,14 @@ impl Clocks {
             if let Some(pair) = status.values.iter().find(|pair| pair.key == "warnings") {
                 let text = pair.value.clone();
                 self.warnings.insert(status.name.clone(), text);
+            }
+            let about = status.values.iter().filter(|pair| {
+                IDENTITY.contains(&pair.key.as_str())
+                    || SET.iter().any(|begin| pair.key.starts_with(begin))
+            });
+            for pair in about {
+                let device = self.devices.entry(status.name.clone()).or_default();
+                device.insert(pair.key.clone(), pair.value.clone());
             }
             let value = |key: &str| {
                 let pair = status.values.iter().find(|pair| pair.key == key)?;
@@ -64,7 +78,7 @@ mod tests {
     use crate::message::{DiagnosticStatus, KeyValue};
 
     #[test]
-    fn the_last_warning_of_each_device_is_kept() {
+    fn the_last_warning_of_each_device_is_kept_and_who_it_is() {
         let mut clocks = Clocks::default();
         for text in ["first", "first; second"] {
             let pair = |key: &str, value: &str| KeyValue {
@@ -73,7 +87,12 @@ mod tests {
             };
             let warned = DiagnosticStatus {
                 name: "ft: kunwei".to_owned(),
-                values: vec![pair("gaps", "0"), pair("warnings", text)],
+                values: vec![
+                    pair("gaps", "0"),
+                    pair("warnings", text),
+                    pair("firmware", "1.0"),
+                    pair("settings.rate_hz", "800"),
+                ],
                 ..DiagnosticStatus::default()
             };
             let silent = DiagnosticStatus {
@@ -96,6 +115,10 @@ mod tests {
         }
         let expected = BTreeMap::from([("ft: kunwei".to_owned(), "first; second".to_owned())]);
         assert_eq!(clocks.warnings, expected);
+        let about = [("firmware", "1.0"), ("settings.rate_hz", "800")];
+        let about = about.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let expected = BTreeMap::from([("ft: kunwei".to_owned(), BTreeMap::from(about))]);
+        assert_eq!(clocks.devices, expected);
         assert!(clocks.clocks.is_empty());
     }
 }

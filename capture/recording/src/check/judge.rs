@@ -178,7 +178,14 @@ fn ledger_losses(ledger: &BTreeMap<String, String>) -> Vec<String> {
         if counts.get("received").and_then(serde_json::Value::as_u64) == Some(0) {
             losses.push(format!("ledger of {stream}: nothing was received"));
         }
-        for name in ["gaps", "drops", "refused", "invalid", "interruptions"] {
+        for name in [
+            "gaps",
+            "drops",
+            "refused",
+            "overflows",
+            "invalid",
+            "interruptions",
+        ] {
             if let Some(count) = counts
                 .get(name)
                 .and_then(serde_json::Value::as_u64)

@@ -90,6 +90,13 @@ impl fmt::Display for Report {
                 "  {name}: {count} samples stay at the end of their range: saturated, or a coarse or still sensor"
             )?;
         }
+        for (device, about) in &self.devices {
+            let about: Vec<_> = about
+                .iter()
+                .map(|(key, value)| format!("{key} = {value}"))
+                .collect();
+            writeln!(f, "  {device}: {}", about.join(", "))?;
+        }
         for (device, clock) in &self.clocks {
             write!(
                 f,

@@ -28,14 +28,18 @@ impl Link for Dead {
     }
 }
 
-/// Reasons of the losses that were told.
+/// Reasons that were told: of the losses as they are, of closed ports with a word before.
 #[derive(Clone, Default)]
 struct Told(Arc<Mutex<Vec<String>>>);
 
 impl Intake for Told {
     fn put(&mut self, item: Item, _: &StreamCounters) {
-        if let Body::Event(DeviceEvent::Lost { reason }) = item.body {
-            self.0.lock().unwrap().push(reason);
+        match item.body {
+            Body::Event(DeviceEvent::Lost { reason }) => self.0.lock().unwrap().push(reason),
+            Body::Event(DeviceEvent::Closed { reason }) => {
+                self.0.lock().unwrap().push(format!("closed: {reason}"));
+            }
+            _ => {}
         }
     }
 }
@@ -47,6 +51,14 @@ fn pump() -> Pump<BotaSerial, Dead> {
 /// Runs a thread that begins with a dead link; `opened` is asked for each try, from 0 on, and ends the thread by `None`. Reasons
 /// told, and how long it took.
 fn run(opened: impl Fn(usize) -> Option<Result<(), LinkError>>) -> (Vec<String>, Duration) {
+    run_from(Ok(()), opened)
+}
+
+/// The same with this link, dead or not there yet, at the beginning.
+fn run_from(
+    first: Result<(), LinkError>,
+    opened: impl Fn(usize) -> Option<Result<(), LinkError>>,
+) -> (Vec<String>, Duration) {
     let clock = MonotonicClock::anchored_now();
     let (told, stop) = (Told::default(), Arc::new(AtomicBool::new(false)));
     let counters = Arc::new(StreamCounters::default());
@@ -57,7 +69,7 @@ fn run(opened: impl Fn(usize) -> Option<Result<(), LinkError>>) -> (Vec<String>,
         stop: Arc::clone(&stop),
     };
     let (begun, mut tries) = (clock.now(), 0);
-    thread.run(pump(), move || {
+    thread.run(first.map(|()| pump()), move || {
         tries += 1;
         let Some(opened) = opened(tries - 1) else {
             stop.store(true, Ordering::Relaxed);
@@ -79,6 +91,25 @@ fn why_a_port_does_not_open_again_is_told_once() {
     });
     let denied = LinkError::Denied { port: port() };
     assert_eq!(told, [gone().to_string(), denied.to_string()]);
+}
+
+#[test]
+fn a_device_that_is_not_there_yet_is_closed_and_tried_on() {
+    let port = || "ttyACM0".to_owned();
+    let missing = || LinkError::NotFound { port: port() };
+    let busy = || LinkError::Busy { port: port() };
+    let (told, _) = run_from(Err(missing()), |attempt| match attempt {
+        0 => Some(Err(missing())),
+        1 => Some(Err(busy())),
+        2 => Some(Ok(())),
+        _ => None,
+    });
+    let expected = [
+        format!("closed: {}", missing()),
+        format!("closed: {}", busy()),
+        gone().to_string(),
+    ];
+    assert_eq!(told, expected);
 }
 
 #[test]

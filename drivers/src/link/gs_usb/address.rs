@@ -6,19 +6,17 @@ use crate::link::LinkError;
 
 /// What the names of adapters in user space begin with.
 pub const PREFIX: &str = "gs_usb:";
-/// What all of the supported sensors come with.
-const USUAL_BPS: u32 = 1_000_000;
 
 /// `gs_usb:SERIAL[/CHANNEL][@BIT_RATE]`: the adapter's USB serial number, empty where only one is plugged in; which of its
-/// CAN buses, 0 unless said; bit/s, 1 000 000 unless said.
+/// CAN buses, 0 unless said; bit/s, what the driver's sensor leaves the factory with unless said.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     /// USB serial number; empty for the only adapter.
     pub serial_number: String,
     /// Which CAN bus of the adapter, from 0.
     pub channel: u8,
-    /// Bit rate of the bus, bit/s.
-    pub bitrate_bps: u32,
+    /// Bit rate of the bus, bit/s; `None` for the sensor's own.
+    pub bitrate_bps: Option<u32>,
 }
 
 impl Address {
@@ -30,8 +28,8 @@ impl Address {
         let parts = || {
             let rest = port.strip_prefix(PREFIX)?;
             let (rest, bitrate_bps) = match rest.rsplit_once('@') {
-                Some((rest, rate)) => (rest, rate.parse().ok().filter(|rate| *rate > 0)?),
-                None => (rest, USUAL_BPS),
+                Some((rest, rate)) => (rest, Some(rate.parse().ok().filter(|rate| *rate > 0)?)),
+                None => (rest, None),
             };
             let (serial_number, channel) = match rest.rsplit_once('/') {
                 Some((serial_number, channel)) => (serial_number, channel.parse().ok()?),
@@ -50,14 +48,23 @@ impl Address {
     }
 }
 
+impl Address {
+    /// From now on this is the adapter meant, where none was named.
+    pub(crate) fn remember(&mut self, serial_number: &str) {
+        if self.serial_number.is_empty() {
+            serial_number.clone_into(&mut self.serial_number);
+        }
+    }
+}
+
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{PREFIX}{}", self.serial_number)?;
         if self.channel != 0 {
             write!(f, "/{}", self.channel)?;
         }
-        if self.bitrate_bps != USUAL_BPS {
-            write!(f, "@{}", self.bitrate_bps)?;
+        if let Some(bitrate_bps) = self.bitrate_bps {
+            write!(f, "@{bitrate_bps}")?;
         }
         Ok(())
     }
@@ -70,10 +77,10 @@ mod tests {
     #[test]
     fn an_address_is_read_and_written() {
         for (text, serial_number, channel, bitrate_bps) in [
-            ("gs_usb:", "", 0, 1_000_000),
-            ("gs_usb:0039001B", "0039001B", 0, 1_000_000),
-            ("gs_usb:0039001B/1", "0039001B", 1, 1_000_000),
-            ("gs_usb:A/B/1@250000", "A/B", 1, 250_000),
+            ("gs_usb:", "", 0, None),
+            ("gs_usb:0039001B", "0039001B", 0, None),
+            ("gs_usb:0039001B/1", "0039001B", 1, None),
+            ("gs_usb:A/B/1@250000", "A/B", 1, Some(250_000)),
         ] {
             let address = Address::parse(text).unwrap();
             let serial_number = serial_number.to_owned();
@@ -85,6 +92,15 @@ mod tests {
             assert_eq!(address, expected);
             assert_eq!(address.to_string(), text);
         }
+    }
+
+    #[test]
+    fn the_first_adapter_found_is_the_one_that_is_meant() {
+        let mut address = Address::parse("gs_usb:/1@250000").unwrap();
+        for found in ["", "A1", "B2"] {
+            address.remember(found);
+        }
+        assert_eq!(address.to_string(), "gs_usb:A1/1@250000");
     }
 
     #[test]
