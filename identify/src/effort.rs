@@ -178,7 +178,8 @@ pub fn joint_effort(
             tool: own,
             tool_inertia: payload.map_or(0.0, |payload| tool_inertia(tool, &index, payload, &axis)),
             lean: lean(&axis, tool_position, joint.direction_std),
-            lies: axis.kind == JointKind::Revolute && off_upright(&axis) > MOST_LEAN,
+            lies: axis.kind == JointKind::Revolute
+                && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
             change: None,
         },
     };

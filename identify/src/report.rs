@@ -164,6 +164,8 @@ pub struct Final {
     pub held_out_rms: Option<f64>,
     /// Errors on the confirming files.
     pub confirm_relative_error: Vec<f64>,
+    /// Share of each confirming file at places and speeds that the first one has probed, too.
+    pub confirm_share: Vec<f64>,
     /// What a complete model would leave.
     pub noise_floor_rms: Option<f64>,
     /// Share of the effort that is neither modelled nor noise.
@@ -268,6 +270,7 @@ impl Report {
                 relative_error: None,
                 held_out_rms: None,
                 confirm_relative_error: Vec::new(),
+                confirm_share: Vec::new(),
                 noise_floor_rms: None,
                 unexplained_fraction: None,
                 verdict: Verdict::NotIdentifiable,
@@ -318,6 +321,7 @@ impl Report {
                 .iter()
                 .map(|c| c.relative_error)
                 .collect(),
+            confirm_share: analysis.confirmed.iter().map(|c| c.share).collect(),
             noise_floor_rms: Some(analysis.floor.rms),
             unexplained_fraction: Some(analysis.unexplained_fraction),
             verdict: analysis.verdict,
@@ -333,12 +337,13 @@ impl Report {
         };
         (self.effects, self.refused) = effects::entries(analysis);
         self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
-        for beyond in analysis.confirmed.iter().filter(|c| c.share < 1.0) {
-            self.notes.push(format!(
-                "errors on {} are those of {:.1} % of its samples: the others are at places or speeds that this recording has not probed",
-                beyond.file,
-                100.0 * beyond.share
-            ));
+        for other in analysis.confirmed.iter().filter(|c| c.share < 1.0) {
+            let (file, share) = (&other.file, 100.0 * other.share);
+            self.notes.push(if other.is_over_all() {
+                format!("only {share:.1} % of {file} is at places and speeds that this recording has probed: its errors are over all of it, and it may refuse what was right here")
+            } else {
+                format!("errors on {file} are over the {share:.1} % of it at places and speeds that this recording has probed, too")
+            });
         }
         self.mechanism = summary_of(full, analysis.left_to_mechanism);
         self.not_identified.extend(full.not_identified.clone());

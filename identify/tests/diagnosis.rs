@@ -313,8 +313,7 @@ fn lying(mut samples: JointSamples) -> JointSamples {
 #[test]
 fn a_weight_the_strut_that_holds_it_and_a_magnet_are_found_apart() {
     const CLOSED: f64 = 0.09;
-    let hinge = |_: f64, way: f64, _: f64, _: f64| {
-        let q = 3.0 * way;
+    let hung = |q: f64| {
         let weight = -18.0 * (q + 0.1).sin();
         // Pivots 0.25 and 0.06 m from the hinge, a spring of 2.3 N/mm that is 0.14 m long.
         let pivots = |q: f64| {
@@ -322,9 +321,11 @@ fn a_weight_the_strut_that_holds_it_and_a_magnet_are_found_apart() {
             f64::hypot(0.25 - 0.06 * cos, 0.06 * sin)
         };
         let lever = (pivots(q + 1e-5) - pivots(q - 1e-5)) / 2e-5;
-        let strut = 2300.0 * (pivots(q) - 0.14) * lever;
-        let magnet = 3.0 / (1.0 + (q - CLOSED).max(0.0) / 0.06).powi(2);
-        3.0 * (weight + strut + magnet)
+        weight + 2300.0 * (pivots(q) - 0.14) * lever
+    };
+    let hinge = move |_: f64, way: f64, _: f64, _: f64| {
+        let magnet = 3.0 / (1.0 + (3.0 * way - CLOSED).max(0.0) / 0.06).powi(2);
+        3.0 * (hung(3.0 * way) + magnet)
     };
     let found = look(&lying(Drawer::with(hinge).record(60.0, 5)));
     let mut all = names(&found);
@@ -338,6 +339,27 @@ fn a_weight_the_strut_that_holds_it_and_a_magnet_are_found_apart() {
     let magnet = found.found().into_iter().find(|f| f.kind.name == "catch");
     let shape = magnet.unwrap().shape;
     assert!((shape[1] / 0.06 - 1.0).abs() < 0.25, "{shape:?}");
+    // The spring's rate and the weight have one shape: they are told together, and their effort is right.
+    let weight = found
+        .effects
+        .iter()
+        .find(|e| e.found.kind.name == "gravity");
+    let alike = &weight.unwrap().ambiguous_with;
+    assert!(alike.iter().any(|a| a.name == "spring"), "{}", told(&found));
+    for q in [0.2, 0.6, 1.0, 1.3] {
+        let mut theta = found.model.theta.iter().skip(3);
+        let mut sum = 0.0;
+        for effect in found.found() {
+            let terms = (effect.kind.at.unwrap())(&effect.shape, q, 0.1);
+            for (value, _) in terms.iter().zip(&effect.used).filter(|(_, used)| **used) {
+                let theta = theta.next().unwrap();
+                if effect.kind.name != "catch" {
+                    sum += theta * value;
+                }
+            }
+        }
+        assert!((sum - hung(q)).abs() < 0.15, "{q}: {sum} {}", hung(q));
+    }
 }
 
 #[test]

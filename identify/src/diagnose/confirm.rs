@@ -22,8 +22,21 @@ pub struct Confirmation {
     pub rms: Vec<[f64; 2]>,
     /// Residual over effort of the model with all effects.
     pub relative_error: f64,
-    /// Share of its samples that these errors are over: those at places and speeds that the first recording has probed, too.
+    /// Share of its samples at places and speeds that the first recording has probed, too: the errors are over these, and over all
+    /// where they are too few to stand for it.
     pub share: f64,
+}
+
+impl Confirmation {
+    /// Whether the errors are over all samples.
+    #[must_use]
+    pub fn is_over_all(&self) -> bool {
+        over_all(self.share)
+    }
+}
+
+fn over_all(share: f64) -> bool {
+    share < LEAST_PROBED || share == 1.0
 }
 
 /// An effect must bring this share of what its own size promises.
@@ -128,7 +141,7 @@ pub fn confirm(
 }
 
 /// Leaves those samples of a confirming recording at whose place and speed the first one has been, and returns their share: what a
-/// valve does at speeds that were never probed no fit can know. All of them where too few are left.
+/// valve does at speeds that were never probed no fit can know. Leaves all of them where these are too few.
 fn leave_probed(ground: &mut Ground, probed: &Motion) -> Result<f64, DynamicsError> {
     let [q, dq] = [&probed.q, &probed.dq].map(|series| {
         let (low, high) = extrema(&probed.at_kept(series));
@@ -139,8 +152,8 @@ fn leave_probed(ground: &mut Ground, probed: &Motion) -> Result<f64, DynamicsErr
     let inside = |i: &usize| q.contains(&there.q[*i]) && dq.contains(&there.dq[*i]);
     let kept: Vec<usize> = there.kept.iter().copied().filter(inside).collect();
     let share = kept.len() as f64 / there.kept.len().max(1) as f64;
-    if share == 1.0 || share < LEAST_PROBED {
-        return Ok(1.0);
+    if over_all(share) {
+        return Ok(share);
     }
     let mut motion = there.clone();
     motion.kept = kept;
@@ -148,8 +161,8 @@ fn leave_probed(ground: &mut Ground, probed: &Motion) -> Result<f64, DynamicsErr
     Ok(share)
 }
 
-/// Beyond what was probed by so much of its range counts as probed.
-const BEYOND: f64 = 0.02;
+/// Beyond what was probed by so much of its range counts as probed; either recording has a zero of its own, too.
+const BEYOND: f64 = 0.05;
 /// Less than this share of a recording cannot stand for it.
 const LEAST_PROBED: f64 = 0.5;
 

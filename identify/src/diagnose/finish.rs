@@ -7,6 +7,7 @@ use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, kind};
+use crate::effect::load::STRUT;
 use crate::least_squares::rms;
 use crate::motion::Motion;
 
@@ -40,6 +41,7 @@ impl State {
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
         }
+        let leans = self.samples.aside.lean.is_some();
         let weight = self.weight()?;
         let mut rest: Vec<(Found, f64, Vec<Ambiguity>)> = self
             .effects
@@ -64,7 +66,8 @@ impl State {
                 break;
             };
             let (found, p_value, ambiguous_with) = rest.remove(best);
-            if errors[best] >= before && self.ground.curve.is_empty() && !is_known(&found) {
+            let known = leans && is_known(&found);
+            if errors[best] >= before && self.ground.curve.is_empty() && !known {
                 self.refused.push(Refused {
                     name: found.kind.name,
                     reason: "it does not lower the error on held-out strokes once signs are kept"
@@ -83,8 +86,7 @@ impl State {
             before = errors[best];
         }
         let ground = &self.ground;
-        let leans = self.samples.aside.lean.is_some();
-        let known = |found: &Found| is_known(found) || leans && found.kind.name == "gravity";
+        let known = |found: &Found| leans && found.kind.name == "gravity";
         let floor = self.floor.rms;
         drop_doubtful(ground, floor, known, &mut effects, &mut self.refused)?;
         let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
@@ -200,6 +202,12 @@ impl State {
             .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
             .map(|entry| ambiguity(entry.kind))
             .collect();
+        // A strut whose rate cannot be seen apart from the weight.
+        let rate_is_hidden = |f: &Found| core::ptr::eq(f.kind, &STRUT) && !f.used[0];
+        if name == "gravity" && self.effects.iter().any(|(f, _)| rate_is_hidden(f)) {
+            alike.retain(|a| a.name != STRUT.name);
+            alike.push(ambiguity(&STRUT));
+        }
         for hidden in self.hidden_in(i)? {
             let contains = CONTAIN.contains(&(hidden.name, name));
             if !contains && alike.iter().all(|a| a.name != hidden.name) {

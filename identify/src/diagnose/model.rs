@@ -358,7 +358,7 @@ pub(super) fn is_known(found: &Found) -> bool {
     found.kind.name == "gravity" && found.used.last() == Some(&false)
 }
 
-/// Loads that have one shape: a curve over the coordinate holds them, notches and magnets that have a place it does not.
+/// Loads without a place of their own: a curve over the coordinate holds them, notches and magnets that have a place it does not.
 pub(super) fn is_smooth_load(kind: &Kind) -> bool {
     SMOOTH_LOADS.contains(&kind.name)
 }

@@ -222,7 +222,7 @@ impl State {
             None => self.choose(&seen),
         };
         if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
-            return Ok(true);
+            return Ok(self.effects.len() < MOST_EFFECTS);
         }
         let Some((choice, p_value)) = choice else {
             return Ok(false);
@@ -250,7 +250,8 @@ impl State {
         self.effects.push((choice.found(&self.ground), p_value));
         self.refine_all()?;
         let mut least = self.error()?;
-        if least < EXPLAINED_BELOW * self.floor.rms || before.is_empty() {
+        let sure = self.is_sure(choice.kind);
+        if sure || least < EXPLAINED_BELOW * self.floor.rms || before.is_empty() {
             return Ok(());
         }
         for (rival, p_value) in self.rivals(choice, seen) {

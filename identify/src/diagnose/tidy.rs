@@ -142,11 +142,18 @@ impl State {
             let Some(form) = shape.position(|s| s.2 == Search::Form) else {
                 continue;
             };
+            if !self.ground.curve.is_empty() && is_load(self.effects[i].0.kind) {
+                continue;
+            }
             let (as_was, before) = (self.effects.clone(), self.error()?);
             let shape = &mut self.effects[i].0.shape;
             shape[form] = 1.0 - shape[form];
             self.polish()?;
-            if self.error()? > REFORMED_BELOW * before {
+            let x = self.without(i)?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let holds = self.outcome(&problem, &self.effects[i].0).is_some();
+            if !holds || self.error()? > REFORMED_BELOW * before {
                 self.effects = as_was;
             }
         }
@@ -206,12 +213,14 @@ impl State {
             }
             let (seen, own) = self.in_place_of(i)?;
             let Some(seen) = seen else { continue };
-            let here = self.effects[i].0.kind.name;
+            let here = self.effects[i].0.kind;
             let better = seen.ranked.iter().find(|entry| {
                 let name = entry.kind.name;
-                let there = self.effects.iter().filter(|(f, _)| f.kind.name == name);
+                let mut others = self.effects.clone();
+                others.remove(i);
+                let there = others.iter().filter(|(f, _)| f.kind.name == name);
                 name != "time_lag"
-                    && name != here
+                    && !core::ptr::eq(entry.kind, here)
                     && there.count() < most_of(entry.kind)
                     && entry.mse < 0.93 * own
             });
@@ -278,6 +287,9 @@ impl State {
         while self.effects.len() > 1 {
             let mut least: Option<(usize, f64, f64, f64)> = None;
             for i in 0..self.effects.len() {
+                if self.is_sure(self.effects[i].0.kind) {
+                    continue;
+                }
                 let x = self.without(i)?;
                 let efforts = [self.ground.y.clone()];
                 let problem = Problem::new(&x, &efforts, &self.ground.folds);

@@ -99,7 +99,7 @@ impl Unit {
 pub enum Search {
     /// Not at all: a choice.
     Fixed,
-    /// One of two forms, 0 or 1: the other one is tried once everything else is found.
+    /// One of two forms, 0 or 1: the other one is tried after each effect.
     Form,
     /// Within so much of the coordinate's range, either way.
     Way(f64),

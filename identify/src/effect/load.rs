@@ -43,15 +43,19 @@ fn strut(shape: &[f64], q: f64) -> [f64; 2] {
 }
 
 /// `tau = stiffness sin p + pull ratio sin p / sqrt(1 + ratio^2 - 2 ratio cos p)`, `p = q + angle`, `stiffness >= 0`: a spring or gas
-/// spring between a pivot on the frame and one on the part, `ratio` times as far from the hinge. With the distance R of the first
+/// spring between two pivots, one of them `ratio` times as far from the hinge as the other. With the distance R of the other
 /// and a spring of k N/m that is F N strong at no length, `stiffness = k R^2 ratio` and `pull = F R`; a gas spring pushes, so that
-/// its pull is negative, and has hardly a stiffness. Hinges about which weight acts, against which such springs are fitted; the hinge
-/// and the two pivots do not come into one line on the way, where it would snap over.
+/// its pull is negative, and has hardly a stiffness. Which of the pivots is on the frame nothing shows (`ratio` and `1 / ratio` have
+/// one shape), nor does the motion show `stiffness` apart from a weight: beside `gravity` it is left out, and the terms of that
+/// effect are those of both.
+///
+/// Looked for at hinges about which weight acts, against which such springs are fitted, and where hinge and pivots do not come into
+/// one line on the way: there it would snap over.
 pub const STRUT: Kind = Kind {
     name: SPRING.name,
     belongs: Belongs::Object,
     terms: &[
-        ("stiffness", Unit::Stiffness, NonNegative),
+        ("stiffness", Unit::Effort, NonNegative),
         ("pull", Unit::Effort, Free),
     ],
     shape: &[
@@ -79,7 +83,7 @@ pub const STRUT: Kind = Kind {
         vec![both(0), both(1)]
     },
     at: Some(|shape, q, _| strut(shape, q)),
-    separate: "slow strokes over the whole range",
+    separate: "unhooking the spring, or weighing the part: weight and the rate of a spring between pivots have one shape",
 };
 
 /// `tau = sine sin(q - lowest) + cosine cos(q - lowest)`: weight about an axis that is not vertical. Revolute joints. Where the
@@ -160,14 +164,13 @@ fn pull(shape: &[f64], q: f64) -> f64 {
 }
 
 /// `tau = pull exp(-(q - closed) / reach)` or `pull / (1 + (q - closed) / reach)^2`, `pull >= 0`: a magnet or a gasket at the
-/// closed end.
+/// closed end. Its reach is at most 15 % of the range: what reaches farther is a spring.
 pub const CATCH: Kind = Kind {
     name: "catch",
     belongs: Belongs::Object,
     terms: &[("pull", Unit::Effort, NonNegative)],
     shape: &[
         ("closed", Unit::Position, Search::Fixed),
-        // Magnets and gaskets end within some centimetres: what reaches farther is a spring.
         ("reach", Unit::Position, Search::Between(0.005, 0.15)),
         ("inverse_square", Unit::One, Search::Form),
     ],
