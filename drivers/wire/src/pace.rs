@@ -3,30 +3,56 @@
 /// Times between samples that stay so near to whole periods (root mean square, in periods) are even: samples that are missing show there
 /// as two periods, or more.
 const EVEN: f64 = 0.15;
-/// Of an uneven stream nine times in ten are no longer than a certain one; a gap is longer than the period by so many times what that
+/// Whole periods can still be told up to here; times that have nothing to do with a period come to 0.289.
+const LOST: f64 = 0.275;
+/// Of times that still show periods one in ten is shorter by no more than this, in periods.
+const MOST_SHORT: f64 = 0.5;
+/// How far jitter reaches above the period, in what one time in ten is shorter by: 2.6 standard deviations of normal jitter. Missing
+/// samples make no time shorter.
+const REACH_SHORT: f64 = 2.0;
+/// Of times without a period nine in ten are no longer than a certain one; a gap is longer than the median by so many times what that
 /// one is. Of intervals by pure chance one in 20 000 is.
 const REACH: f64 = 6.0;
 
 /// The longest time between two samples that the jitter of their stream explains, in the unit of `sorted`, the times between neighbours
-/// from the shortest on; 0 for a stream that is even about its `period`, where any time explains itself.
+/// from the shortest on; 0 for a stream that is even about its `period`: its jitter explains no gap.
 ///
 /// A tracker that delivers when it has something, and not by a clock, loses nothing by that. What it does lose can be told only where the
 /// gap is longer than its own jitter.
 #[must_use]
 pub fn longest_by_jitter(sorted: &[f64], period: f64) -> f64 {
-    if sorted.is_empty() || period.is_nan() || period <= 0.0 {
+    if sorted.is_empty() || period.is_nan() || period <= 0.0 || off_periods(sorted, period) <= EVEN
+    {
         return 0.0;
     }
+    if shows_period(sorted, period) {
+        return period + REACH_SHORT * (period - part(sorted, 1, 10)).max(0.0);
+    }
+    let median = part(sorted, 1, 2);
+    median + REACH * (part(sorted, 9, 10) - median)
+}
+
+/// Whether times between samples, from the shortest on, are whole periods and jitter.
+#[must_use]
+pub fn shows_period(sorted: &[f64], period: f64) -> bool {
+    off_periods(sorted, period) <= LOST && period - part(sorted, 1, 10) <= MOST_SHORT * period
+}
+
+/// Root mean square of how far the times are from whole periods, in periods.
+fn off_periods(sorted: &[f64], period: f64) -> f64 {
     let off = |interval: &f64| {
         let periods = interval / period;
         (periods - periods.round()).powi(2)
     };
-    let uneven = (sorted.iter().map(off).sum::<f64>() / sorted.len() as f64).sqrt();
-    let usual = sorted.get(sorted.len() * 9 / 10).copied().unwrap_or(period);
-    if uneven <= EVEN {
-        return 0.0;
-    }
-    period + REACH * (usual - period).max(0.0)
+    (sorted.iter().map(off).sum::<f64>() / sorted.len() as f64).sqrt()
+}
+
+/// The time that `of / all` of the times are shorter than.
+fn part(sorted: &[f64], of: usize, all: usize) -> f64 {
+    sorted
+        .get(sorted.len() * of / all)
+        .copied()
+        .unwrap_or_default()
 }
 
 #[cfg(test)]
