@@ -86,4 +86,27 @@ mod tests {
         let longest = longest_by_jitter(&sorted(chance.collect()), core::f64::consts::LN_2);
         assert!((9.0..12.0).contains(&longest), "{longest}");
     }
+    #[test]
+    fn jitter_of_a_period_explains_none_that_is_missing() {
+        let mut state = 1_u64;
+        let mut chance = move || {
+            state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+            (state >> 33) as f64 / f64::from(1_u32 << 31)
+        };
+        for (jitter, lost) in [(0.12, 0.05), (0.12, 0.3), (0.15, 0.15), (0.2, 0.05)] {
+            let mut stamps = Vec::new();
+            for sample in 0..20_000 {
+                // The sum of twelve is normal, with a standard deviation of 1.
+                let normal = (0..12).map(|_| chance()).sum::<f64>() - 6.0;
+                if chance() >= lost {
+                    stamps.push(f64::from(sample) + jitter * normal);
+                }
+            }
+            stamps.sort_unstable_by(f64::total_cmp);
+            let intervals: Vec<_> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            let intervals = sorted(intervals);
+            let longest = longest_by_jitter(&intervals, intervals[intervals.len() / 2]);
+            assert!(longest < 2.0, "{jitter} {lost}: {longest}");
+        }
+    }
 }
