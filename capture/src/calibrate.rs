@@ -26,6 +26,8 @@ use fit::{Delay, Extras, Fit, Problem};
 use series::{PoseSide, WrenchSide};
 pub use turn::SensorRotation;
 
+/// 95 % of a normal distribution lie within so many standard deviations.
+pub(crate) const NORMAL_95: f64 = 1.959_964;
 /// Free air over which the bias may be seen to drift, s.
 const DRIFT_NEEDS_S: f64 = 15.0;
 /// A temperature that moved by more than this is looked at, K.

@@ -403,6 +403,16 @@ fn a_table_takes_frames_and_a_calibration_from_files() {
     .unwrap();
     assert_eq!(recording.tcp_from_ft_sensor.position, [0.0, 0.0, 0.3]);
     assert_eq!(known.aria_device_from_tcp, None);
+    // Where the sensor is must be.
+    std::fs::write(
+        &sensor,
+        format!("[frames.aria_device_from_tcp]\n{}", pose(0.3)),
+    )
+    .unwrap();
+    let output = csv_of(folder.path(), |_| {}, &["--frames", &sensor]);
+    assert_eq!(output.status.code(), Some(1));
+    let wanted = "--frames has no [frames.tcp_from_ft_sensor]";
+    assert!(said(&output).1.contains(wanted), "{:?}", said(&output));
     std::fs::write(&both, &frames).unwrap();
     let output = csv_of(folder.path(), |_| {}, &["--calibration", &both]);
     assert_eq!(output.status.code(), Some(1));

@@ -1,12 +1,12 @@
 //! Gaps, duplicates and restarts, seen by the device's own clock.
 
 use ft_wire::HostTime;
-use ft_wire::pace::longest_by_jitter;
+use ft_wire::pace::{longest_by_jitter, shows_period};
 
 /// Intervals from which the nominal period is learned.
 const LEARNED_FROM: usize = 16;
 /// Latest intervals that show how uneven the stream is.
-const LATEST: usize = 64;
+const LATEST: usize = 128;
 /// Samples remembered to tell a duplicate from a late one.
 const REMEMBERED: usize = 16;
 /// A device clock that jumps by more than this against the host's was restarted, ns.
@@ -169,6 +169,11 @@ impl Sequence {
         self.intervals_len = (self.intervals_len + 1).min(LATEST);
         if let Some(period) = self.period_ns {
             self.gaps += self.missing(step, period);
+            let period = match missing(step, period) {
+                0 => period,
+                _ => self.towards_median(period),
+            };
+            self.period_ns = Some(period);
             let deviation = step as f64 - period;
             if deviation.abs() < 0.3 * period {
                 self.period_ns = Some(period + deviation / 64.0);
@@ -193,6 +198,16 @@ impl Sequence {
             return 0;
         }
         missing
+    }
+
+    /// Where the intervals show no period, nothing else holds the one that follows them.
+    fn towards_median(&self, period: f64) -> f64 {
+        let mut sorted = [0.0; LATEST];
+        let sorted = self.sorted(&mut sorted);
+        match sorted.get(sorted.len() / 2) {
+            Some(median) if !shows_period(sorted, period) => period + 0.1 * (median - period),
+            _ => period,
+        }
     }
 
     /// The latest intervals, ns, from the shortest on.
@@ -320,5 +335,35 @@ mod tests {
             sequence.observe(device_ns, HostTime::from_nanos(device_ns + MS));
         }
         assert_eq!(sequence.gaps(), 0);
+    }
+    #[test]
+    fn samples_that_are_lost_count_also_when_stamps_have_jitter() {
+        let mut state = 1_u64;
+        let mut chance = move || {
+            state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+            (state >> 33) as f64 / f64::from(1_u32 << 31)
+        };
+        for jitter in [0.1, 0.12, 0.15, 0.2] {
+            for lost in [0.0, 0.05, 0.15, 0.3] {
+                let (mut stamps, mut missing) = (Vec::new(), 0.0);
+                for sample in 0..20_000 {
+                    // The sum of twelve is normal, with a standard deviation of 1.
+                    let normal = (0..12).map(|_| chance()).sum::<f64>() - 6.0;
+                    if chance() < lost {
+                        missing += 1.0;
+                    } else {
+                        stamps.push(((f64::from(sample) + jitter * normal) * MS as f64) as i64);
+                    }
+                }
+                stamps.sort_unstable();
+                let mut sequence = Sequence::new();
+                for at in stamps {
+                    sequence.observe(at, HostTime::from_nanos(at + 10 * MS));
+                }
+                let wrong = (sequence.gaps() as f64 - missing).abs();
+                let most = if lost > 0.0 { 0.2 * missing } else { 300.0 };
+                assert!(wrong <= most, "{jitter} {lost}: {}", sequence.gaps());
+            }
+        }
     }
 }

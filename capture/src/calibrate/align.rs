@@ -7,8 +7,8 @@
 use nalgebra::{SMatrix, SVector};
 use serde::Serialize;
 
-use super::CalibrateError;
 use super::fit::{Delay, Extras, Fit, Problem};
+use super::{CalibrateError, NORMAL_95};
 
 /// How far apart two stamps of the same instant are.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -50,8 +50,6 @@ const APART_S: f64 = 0.3;
 const MIN_EVIDENCE: f64 = 10.0;
 /// Free air over which a skew shows, s.
 const SKEW_NEEDS_S: f64 = 60.0;
-/// 95 % of a normal distribution lie within so many standard deviations.
-const NORMAL_95: f64 = 1.959_964;
 
 /// Aligns, the shift within +-`search_s` of `around_s`.
 pub(super) fn align(

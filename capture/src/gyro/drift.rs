@@ -3,6 +3,7 @@
 use ft_wire::HostTime;
 
 use super::{HALF_NS, STEP_NS, best};
+use crate::calibrate::NORMAL_95;
 
 /// A part, ns, ...
 const PART_NS: i64 = 10_000_000_000;
@@ -20,8 +21,6 @@ const NEAR: i64 = 10;
 const STUDENT_95: [f64; 11] = [
     12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201,
 ];
-/// Of the normal one.
-const NORMAL_95: f64 = 1.959_964;
 
 /// What a part says.
 struct Part {

@@ -6,11 +6,9 @@ use ft_recording::Recording;
 use serde::Serialize;
 
 use super::free_air::free_air;
-use crate::calibrate::Alignment;
+use crate::calibrate::{Alignment, NORMAL_95};
 use crate::gyro;
 
-/// 95 % of a normal distribution lie within so many standard deviations.
-const NORMAL_95: f64 = 1.959_964;
 /// What two crystals may well differ by, ppm.
 const USUAL_PPM: f64 = 20.0;
 
@@ -173,7 +171,7 @@ impl fmt::Display for Drift {
             } => {
                 write!(
                     f,
-                    "the drift between the clocks is unknown, because no free air after the release shows it: {USUAL_PPM:.0} ppm would be \
+                    "the drift between the clocks is unknown, because no second stretch of free air, after a release, shows it: {USUAL_PPM:.0} ppm would be \
                      {:.1} ms at the end, {after_s:.0} s after the free air",
                     1e-3 * USUAL_PPM * after_s
                 )?;

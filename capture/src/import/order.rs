@@ -34,6 +34,19 @@ pub(super) struct Ordered<T> {
 }
 
 impl<T> Ordered<T> {
+    /// What the lines of a report say of rows that are left out; `None` when none is.
+    pub(super) fn left_out(&self) -> Option<String> {
+        let Self {
+            far,
+            repeated,
+            set_back,
+            ..
+        } = self;
+        (far + repeated + set_back > 0).then(|| {
+            format!("{far} rows at another time, {repeated} of a stamp that was there, {set_back} by a clock that was set back: left out")
+        })
+    }
+
     /// The rows as samples.
     pub(super) fn stamped(self) -> Vec<Stamped<T>> {
         let rows = self.rows.into_iter();
@@ -47,7 +60,7 @@ impl<T> Ordered<T> {
 
 /// Puts rows with their stamps, ns, in order; those of one stamp as they stand. Of several clocks, which would be mixed, the one with
 /// most rows is taken.
-pub(super) fn in_order<T>(rows: Vec<(i64, T)>) -> Ordered<T> {
+pub(super) fn in_order<T: PartialEq>(rows: Vec<(i64, T)>) -> Ordered<T> {
     let mut places: Vec<(i64, usize, T)> = rows
         .into_iter()
         .enumerate()
@@ -220,5 +233,79 @@ mod tests {
         }
         let found = in_order(buffers);
         assert_eq!((found.rows, found.set_back), (rows(), 0));
+    }
+    #[test]
+    fn some_rows_out_of_place_cost_no_others() {
+        let wrong = |count: usize, stamp: &dyn Fn(i64) -> i64| {
+            let mut some = rows();
+            for row in &mut some[2_600..2_600 + count] {
+                row.0 = stamp(row.0);
+            }
+            in_order(some)
+        };
+        let second = 1_000_000_000;
+        for count in [1, 2, 3, 5, 10, 19] {
+            for (name, found) in [
+                ("at 0", wrong(count, &|_| 0)),
+                ("1 min back", wrong(count, &|at| at - 60 * second)),
+                ("1 min ahead", wrong(count, &|at| at + 60 * second)),
+                ("back", wrong(count, &|at| at - 7 * second / 5)),
+            ] {
+                let right = found.rows.iter().filter(|row| row.0 == rows()[row.1].0);
+                assert_eq!(right.count(), 5_000 - count, "{count} {name}");
+                assert_eq!(found.rows.len(), 5_000 - count, "{count} {name}");
+                assert_eq!(found.set_back, 0, "{count} {name}");
+            }
+        }
+        // More are told as by another clock where they would be mixed with the others.
+        let found = wrong(30, &|at| at - 7 * second / 5 - 300_000);
+        assert_eq!((found.rows.len(), found.set_back), (4_970, 30));
+    }
+
+    #[test]
+    fn rows_that_arrive_late_are_put_in_their_places() {
+        for count in [1, 2, 3, 5, 10, 19, 30, 400] {
+            let mut late = rows();
+            late[1_200..2_600 + count].rotate_left(count);
+            let found = in_order(late);
+            assert_eq!((found.rows, found.moved), (rows(), count as u64));
+        }
+        // Past a pause of 5 s, and several times.
+        let mut paused = rows();
+        for row in &mut paused[3_500..] {
+            row.0 += 5_000_000_000;
+        }
+        let mut late = paused.clone();
+        late[3_400..3_600].rotate_left(5);
+        assert_eq!(in_order(late).rows, paused);
+        let mut late = rows();
+        for begin in (100..4_500).step_by(400) {
+            late[begin..begin + 300].rotate_left(4);
+        }
+        assert_eq!(in_order(late).rows, rows());
+    }
+
+    #[test]
+    fn what_was_written_twice_is_once_there() {
+        let all = rows();
+        let found = in_order([&all[..3_000], &all[2_000..]].concat());
+        assert_eq!((found.rows, found.repeated), (rows(), 1_000));
+        // Other rows of the same stamps are by another clock; of these those that are the same are told as such.
+        let mut other = all[2_000..4_500].to_vec();
+        other[10..].iter_mut().for_each(|row| row.1 += 10_000);
+        let found = in_order([&all[..4_000], &other].concat());
+        assert_eq!(found.rows, all[..4_000]);
+        assert_eq!((found.repeated, found.set_back), (10, 2_490));
+    }
+
+    #[test]
+    fn a_part_at_an_earlier_time_that_does_not_join_is_told() {
+        let mut parts = rows();
+        for row in &mut parts[3_000..] {
+            row.0 += 2_000_000_000;
+        }
+        parts.rotate_left(3_000);
+        let found = in_order(parts);
+        assert_eq!((found.rows.len(), found.set_back), (3_000, 2_000));
     }
 }

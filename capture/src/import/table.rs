@@ -118,7 +118,7 @@ impl Table {
             if table.len() == most {
                 return Err(table.refusal(
                     line,
-                    format!("more than {most} rows; cut the table into parts"),
+                    format!("more than {most} rows in a packed table: unpack it first"),
                 ));
             }
             if row.len() == table.columns.len() {
@@ -458,7 +458,7 @@ mod tests {
         let message = table(&format!("a\n{text}1\n")).unwrap_err().to_string();
         assert_eq!(
             message,
-            "a.csv line 2000002: more than 2000000 rows; cut the table into parts"
+            "a.csv line 2000002: more than 2000000 rows in a packed table: unpack it first"
         );
     }
 

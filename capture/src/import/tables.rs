@@ -59,7 +59,7 @@ pub struct TableOptions {
     pub pose_columns: Option<[String; 7]>,
     /// The sensor reports what the tool does to the environment: turn the signs round.
     pub negate_wrench: bool,
-    /// Where the sensor is on the tool, and the tool on the glasses; of what is not said here nothing is said.
+    /// Where the sensor is on the tool, which must be said, and the tool on the glasses; of what is not said here nothing is said.
     pub frames: Option<SaidFrames>,
     /// The tool's weight and the sensor's bias, found before.
     pub calibration: Option<Calibration>,
@@ -89,13 +89,26 @@ pub struct TablesReport {
 /// Writes `out` from a table of wrenches and one of poses (`world_from_tcp`).
 ///
 /// # Errors
-/// A table cannot be read, lacks a column, has a field that is no number or a time that is none, or `out` cannot be written.
+/// A table cannot be read, lacks a column, has a field that is no number or a time that is none, frames are said without where the sensor is
+/// on the tool, or `out` cannot be written.
 pub fn import_tables(
     wrench: &Path,
     pose: &Path,
     out: &Path,
     options: &TableOptions,
 ) -> Result<TablesReport, ImportError> {
+    // Readers would take a sensor of which nothing is said for one that stands in the tool's frame.
+    if let Some(SaidFrames {
+        tcp_from_ft_sensor: None,
+        ..
+    }) = &options.frames
+    {
+        return Err(ImportError::Missing {
+            path: wrench.to_owned(),
+            missing: "no place on the tool: --frames has no [frames.tcp_from_ft_sensor]".to_owned(),
+            hint: "say it in the file of --frames, or leave --frames out where sensor and tool coincide",
+        });
+    }
     let (wrenches, poses) = (Table::open(wrench)?, Table::open(pose)?);
     let sign = if options.negate_wrench { -1.0 } else { 1.0 };
     let columns = named(&wrenches, options.wrench_columns.as_ref(), &WRENCH_NAMES)?;

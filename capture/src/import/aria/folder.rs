@@ -118,16 +118,19 @@ impl MpsFolder {
         let mut wrong = None;
         if let (Some(open), TrajectoryKind::ClosedLoop) = (&self.open, trajectory.kind) {
             match Trajectory::open(open, 0.0) {
-                Ok(open) => match (open.utc_map(), other_session(trajectory, &open)) {
-                    (Some(_), Some(why)) => {
+                Ok(open) => match open
+                    .utc_map()
+                    .map(|map| (map, other_session(trajectory, &open)))
+                {
+                    Some((_, Some(why))) => {
                         wrong = Some(format!(
                             "{} is of another session than {}: {why}; its utc is not used: put the files of one session into the folder",
                             open.path.display(),
                             trajectory.path.display()
                         ));
                     }
-                    (Some(map), None) => return (Some(map), None),
-                    (None, _) => {}
+                    Some((map, None)) => return (Some(map), None),
+                    None => {}
                 },
                 Err(error) => wrong = Some(error.to_string()),
             }

@@ -11,7 +11,7 @@ use crate::import::aria::static_pose;
 use crate::import::clock_map::median;
 use crate::import::matrix::{from_json, from_yaml};
 use crate::import::mps::{SourceFile, Trajectory};
-use crate::import::order::in_order;
+use crate::import::order::{Ordered, in_order};
 use crate::import::table::Table;
 use crate::import::{ImportError, hex};
 
@@ -170,12 +170,30 @@ impl Import<'_> {
             };
             let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
             let samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
-            Ok(in_order(samples).stamped())
+            Ok(in_order(samples))
         };
-        Ok(read().unwrap_or_else(|error: ImportError| {
-            self.missing.push(format!("{what} ({error})"));
-            Vec::new()
-        }))
+        Ok(self.said(read(), &what, &parts.join("/")))
+    }
+
+    /// The samples; `what` is missing where they cannot be read, and what is left out of `file` is told.
+    fn said<T>(
+        &mut self,
+        read: Result<Ordered<T>, ImportError>,
+        what: &str,
+        file: &str,
+    ) -> Vec<Stamped<T>> {
+        match read {
+            Ok(ordered) => {
+                let left_out = ordered.left_out();
+                self.missing
+                    .extend(left_out.map(|rows| format!("{file}: {rows}")));
+                ordered.stamped()
+            }
+            Err(error) => {
+                self.missing.push(format!("{what} ({error})"));
+                Vec::new()
+            }
+        }
     }
 
     /// The sensor's gyroscope, rad/s, by the wrench's clock. Nothing that is needed, either.
@@ -210,12 +228,9 @@ impl Import<'_> {
             };
             let samples = (0..table.len()).filter_map(|row| sample(row).transpose());
             let samples = samples.collect::<Result<Vec<_>, ImportError>>()?;
-            Ok(in_order(samples).stamped())
+            Ok(in_order(samples))
         };
-        Ok(read().unwrap_or_else(|error: ImportError| {
-            self.missing.push(format!("{what} ({error})"));
-            Vec::new()
-        }))
+        Ok(self.said(read(), &what, &parts.join("/")))
     }
 
     pub(super) fn trajectory(&mut self) -> Result<Trajectory, ImportError> {

@@ -53,7 +53,7 @@ impl RowCounts {
     }
 
     /// Rows of `table` by time, as `value` makes them of their finite numbers.
-    pub(super) fn read<T, const N: usize>(
+    pub(super) fn read<T: PartialEq, const N: usize>(
         table: &Table,
         time: &RowTime,
         columns: [crate::import::table::Column; N],
