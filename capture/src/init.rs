@@ -154,16 +154,17 @@ fn block(
     }
 }
 
-/// What a driver must be told of the very device, as one value of TOML, and what it stands for.
+/// What a driver must be told of the very device, as one value of TOML, and what it stands for. The numbers are refused: one that
+/// was left as it is must not pass raw counts off as newtons or angles.
 fn needed(driver: &str) -> Option<(&'static str, &'static str)> {
     match driver {
         "optoforce_serial" | "optoforce_can" => Some((
-            "1.0 leaves raw counts: put in the numbers of this sensor's sensitivity report",
-            "{ force_counts_per_newton = [1.0, 1.0, 1.0], torque_counts_per_newton_metre = [1.0, 1.0, 1.0] }",
+            "put in the numbers of this sensor's sensitivity report; 0.0 is refused",
+            "{ force_counts_per_newton = [0.0, 0.0, 0.0], torque_counts_per_newton_metre = [0.0, 0.0, 0.0] }",
         )),
         "encoder_line" => Some((
-            "counts of a whole turn of this encoder, negative when it counts down",
-            "{ counts_per_turn = 4096.0 }",
+            "put in the counts of a whole turn of this encoder, negative when it counts down; 0.0 is refused",
+            "{ counts_per_turn = 0.0 }",
         )),
         _ => None,
     }
@@ -222,6 +223,12 @@ mod tests {
         let config = Config::from_toml(&text, Path::new("capture.toml")).unwrap();
         assert_eq!(config.devices.len(), 1);
         assert_eq!(config.devices[0].driver, Driver::OptoforceSerial);
+        let untouched = crate::settings::tests::is_accepted(&config.devices[0]).unwrap_err();
+        let untouched = untouched.to_string();
+        assert!(
+            untouched.contains("force_counts_per_newton = [0.0"),
+            "{untouched}"
+        );
         for offered in [
             "# driver = \"bota_serial\"",
             "# port = \"can0\"",
@@ -316,7 +323,7 @@ mod tests {
         assert_eq!(chosen.len(), 13, "{chosen:?}");
     }
 
-    /// What a person makes of a block: takes the marks away, writes this driver, and keeps its settings.
+    /// What a person makes of a block: takes the marks away, writes this driver, and puts numbers into its settings.
     fn choose(block: &str, driver: &str) -> String {
         let (mut text, mut kept) = (String::new(), true);
         for line in block.lines() {
@@ -326,7 +333,7 @@ mod tests {
                 text.push_str(&format!("driver = {driver:?}\n"));
             } else if let Some(rest) = bare.strip_prefix("settings = ") {
                 if kept {
-                    text.push_str(&format!("settings = {rest}\n"));
+                    text.push_str(&format!("settings = {}\n", rest.replace("0.0", "20.0")));
                 }
             } else if bare.starts_with("[[") || bare.contains(" = \"") {
                 text.push_str(&format!("{bare}\n"));

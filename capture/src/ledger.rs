@@ -97,7 +97,8 @@ pub struct StreamLedger {
     pub duplicated: u64,
     /// Bytes or frames that belong to no frame of the device, skipped while searching; set-up text counts here.
     pub skipped: u64,
-    /// Frames for which the kernel's queue or the CAN adapter had no room, so that they never came; at least so many.
+    /// Frames for which the kernel's queue or the CAN adapter had no room, so that they never came, or that came as no frame at all; at
+    /// least so many.
     pub overflows: u64,
     /// Samples delivered although a component was beyond its rated range.
     pub overrange: u64,

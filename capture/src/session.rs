@@ -103,6 +103,9 @@ pub enum SessionError {
     /// The calibration makes no sense.
     #[error("calibration: {0}")]
     Calibration(#[from] ft_recording::error::CalibrationError),
+    /// The configuration has something that cannot be written into the recording.
+    #[error("the configuration cannot be written into the recording")]
+    Unwritable(#[source] toml::ser::Error),
     /// None of the devices is there.
     #[error("no device can be opened: {reasons}")]
     NoDevice {
@@ -161,7 +164,7 @@ impl Plan {
     /// What the recording says about itself.
     ///
     /// # Errors
-    /// The calibration makes no sense.
+    /// The calibration or a device's settings make no sense, or the configuration cannot be written.
     pub fn preamble(
         &self,
         start: HostTime,
@@ -179,7 +182,7 @@ impl Plan {
             ),
             (
                 "config".to_owned(),
-                toml::to_string(&with_defaults(&self.config)?).unwrap_or_default(),
+                toml::to_string(&with_defaults(&self.config)?).map_err(SessionError::Unwritable)?,
             ),
         ]);
         let calibration = self

@@ -176,7 +176,7 @@ pub fn with_driver<U: DriverUser>(
     }
 }
 
-/// The settings of `device` with every default, as its driver has them in effect.
+/// The settings of `device` as configured, with every default.
 ///
 /// # Errors
 /// A setting is unknown, missing or of the wrong kind.

@@ -7,7 +7,8 @@
 use std::path::Path;
 
 use ft_capture::config::Config;
-use ft_capture::settings::{DriverUser, with_driver};
+use ft_capture::session::Plan;
+use ft_capture::settings::{DriverUser, with_defaults, with_driver};
 use ft_drivers::device::Counted;
 use ft_drivers::hid_axis::HidFrame;
 use ft_drivers::options::Startup;
@@ -228,6 +229,25 @@ fn tried(text: &str) -> bool {
     };
     let made = |device| with_driver(device, Startup::Configure, Run).is_ok();
     config.devices.iter().all(made)
+}
+
+/// The text in a recording, linkages and all.
+#[test]
+fn what_a_recording_says_of_its_configuration_reads_back_as_the_same() {
+    let at = HostTime::from_nanos(1_700_000_000_000_000_000);
+    for text in texts() {
+        let plan = Plan {
+            config: Config::from_toml(&text, Path::new("capture.toml")).unwrap(),
+            record: None,
+            overwrite: false,
+            duration: None,
+            publish: false,
+        };
+        let session = plan.preamble(at, at, "test").unwrap().session;
+        let again = Config::from_toml(&session["config"], Path::new("capture.toml")).unwrap();
+        let written = with_defaults(&plan.config).unwrap();
+        assert_eq!(format!("{again:?}"), format!("{written:?}"));
+    }
 }
 
 #[test]

@@ -279,14 +279,17 @@ impl fmt::Display for CanInterface {
         };
         write!(f, "{}  {driver}", self.name)?;
         if !self.up {
-            write!(
-                f,
-                "  down: ip link set {} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)",
-                self.name
-            )?;
+            write!(f, "  down: {}", bring_up(&self.name))?;
         }
         Ok(())
     }
+}
+
+/// How the administrator brings a CAN interface up.
+pub(crate) fn bring_up(interface: &str) -> String {
+    format!(
+        "ip link set {interface} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)"
+    )
 }
 
 /// The serial ports on USB, by path. Ports that are not on USB are left out.

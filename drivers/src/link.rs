@@ -12,6 +12,8 @@ pub mod socketcan;
 
 use ft_wire::HostTime;
 
+use crate::discover::bring_up;
+
 /// When a frame came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RxStamps {
@@ -36,8 +38,8 @@ pub trait Link {
     /// The link is unusable until it is opened again.
     fn send(&mut self, frame: &Self::Frame) -> Result<(), LinkError>;
 
-    /// Frames that never came because the kernel or the adapter had no room for them, since the link was opened. What the
-    /// back end cannot know is not in it.
+    /// Frames that never came because the kernel or the adapter had no room for them, or that came as no frame at all, since the
+    /// link was opened. What the back end cannot know is not in it.
     fn overflows(&self) -> u64 {
         0
     }
@@ -100,6 +102,14 @@ pub enum LinkError {
         /// How it is to be written.
         form: &'static str,
     },
+    /// The adapter has no such channel.
+    #[error("{port}: the adapter has no channel {channel}: write one that it has, the first is 0")]
+    Channel {
+        /// The port of the configuration.
+        port: String,
+        /// Its number, the first is 0.
+        channel: u8,
+    },
     /// One name for several devices.
     #[error(
         "{port} stands for {count} adapters: name one by its serial number, `ft-capture devices` lists them"
@@ -112,7 +122,7 @@ pub enum LinkError {
     },
     /// The network interface is not up.
     #[error(
-        "{port} is down: ip link set {port} up type can bitrate 1000000 restart-ms 100 (ATI's factory rate is 250000)"
+        "{port} is down: {}", bring_up(.port)
     )]
     Down {
         /// The interface.
@@ -146,7 +156,7 @@ pub enum LinkError {
 
 impl LinkError {
     /// Whether the port may open later though nobody changes a configuration or a permission: it is not plugged in or not up
-    /// yet, or another program has it still.
+    /// yet, or another program has it still. A name of nothing that will ever be there looks the same.
     #[must_use]
     pub const fn may_pass(&self) -> bool {
         matches!(

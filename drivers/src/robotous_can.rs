@@ -10,12 +10,11 @@
 //! **Two frames lost in a row** can leave a first half and the second half of the next sample, a period behind it. A second half that
 //! was merely stamped late looks the same until the next first half comes: that one follows a late one within half a
 //! period, or the first half before within one and three quarters; behind a wrong one it is due a period later, two after the first half. So
-//! halves further apart than four fifths of a period wait for it, and what is not borne out is refused, as two samples. What this cannot
+//! halves further apart than four fifths of a period (by the configured rate) wait for it, and what is not borne out, or still waits when
+//! the stream is lost, is refused, as two samples; what waits when nobody reads any more is neither received nor refused. What this cannot
 //! see: two frames lost in a row while one of the halves that are left is late, too, by a quarter of a period or more.
 //!
 //! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
-
-mod rhythm;
 
 use std::time::Duration;
 
@@ -27,7 +26,6 @@ use crate::device::{Counted, Device};
 use crate::link::RxStamps;
 use crate::reading::{Counts, Reading};
 use crate::robotous::{self, Protocol};
-use rhythm::Rhythm;
 
 /// Bit rate of the bus, bit/s; the sensor has no other.
 pub const BITRATE_BPS: u32 = 1_000_000;
@@ -61,11 +59,13 @@ pub struct RobotousCan {
     config: Config,
     protocol: Protocol,
     first: Option<([u8; 8], HostTime)>,
-    rhythm: Rhythm,
     doubted: Option<Doubted>,
     refused: u64,
     skipped: u64,
 }
+
+/// What halves of two samples cost.
+const OF_TWO: u64 = 2;
 
 /// Halves that may be of two samples, until the next first half tells.
 #[derive(Clone, Copy, Debug)]
@@ -73,11 +73,7 @@ struct Doubted {
     response: Response,
     first_at: HostTime,
     second_at: HostTime,
-    period: Option<Duration>,
 }
-
-/// Halves that are no further apart are of one sample at any rate: four fifths of the sensor's shortest period.
-const NEAR: Duration = Duration::from_micros(800);
 
 impl RobotousCan {
     /// A driver that begins at its first `handle_timeout`.
@@ -88,7 +84,6 @@ impl RobotousCan {
             config,
             protocol,
             first: None,
-            rhythm: Rhythm::default(),
             doubted: None,
             refused: 0,
             skipped: 0,
@@ -102,9 +97,6 @@ impl RobotousCan {
 
     fn on_first(&mut self, data: [u8; 8], at: HostTime) {
         self.protocol.on_traffic(at);
-        if self.first.is_none_or(|(before, _)| before != data) {
-            self.rhythm.beat(at);
-        }
         self.settle(at);
         match self.first {
             Some((before, _)) if before == data => {
@@ -114,8 +106,9 @@ impl RobotousCan {
                 if at.saturating_since(before_at) <= self.config.pairing_timeout =>
             {
                 self.first = None;
-                self.refuse();
-                self.refuse();
+                if self.protocol.is_streaming() {
+                    self.refused += OF_TWO;
+                }
             }
             Some(_) => {
                 self.refuse();
@@ -151,17 +144,13 @@ impl RobotousCan {
     fn on_response(&mut self, response: Response, first_at: HostTime, second_at: HostTime) {
         let apart = second_at.saturating_since(first_at);
         // Answers of the set-up come alone.
-        if apart > NEAR && self.protocol.is_streaming() {
-            let period = self.rhythm.period();
-            if period.is_none_or(|period| apart > period * 4 / 5) {
-                self.doubted = Some(Doubted {
-                    response,
-                    first_at,
-                    second_at,
-                    period,
-                });
-                return;
-            }
+        if matches!(response, Response::Stream(_)) && apart > self.period() * 4 / 5 {
+            self.doubted = Some(Doubted {
+                response,
+                first_at,
+                second_at,
+            });
+            return;
         }
         self.protocol.on_response(response, second_at);
     }
@@ -173,14 +162,18 @@ impl RobotousCan {
         };
         let since = at.saturating_since(doubted.first_at);
         let behind = at.saturating_since(doubted.second_at);
-        let is_one = |period: Duration| since < period * 7 / 4 || behind < period / 2;
-        if doubted.period.is_some_and(is_one) {
+        let period = self.period();
+        if since < period * 7 / 4 || behind < period / 2 {
             self.protocol
                 .on_response(doubted.response, doubted.second_at);
-        } else {
-            self.refuse();
-            self.refuse();
+        } else if self.protocol.is_streaming() {
+            self.refused += OF_TWO;
         }
+    }
+
+    /// Time between two samples: the set-up has seen to it that the sensor has the configured rate.
+    fn period(&self) -> Duration {
+        Duration::from_secs(1) / u32::from(self.config.sensor.rate_hz.max(1))
     }
 }
 
@@ -215,8 +208,7 @@ impl Device for RobotousCan {
         self.protocol.handle_timeout(now);
         if was_streaming && !self.protocol.is_streaming() {
             self.refused += u64::from(self.first.take().is_some());
-            self.refused += u64::from(self.doubted.take().is_some());
-            self.rhythm.forget();
+            self.refused += self.doubted.take().map_or(0, |_| OF_TWO);
         }
     }
 

@@ -150,7 +150,7 @@ where
 }
 
 #[test]
-fn no_driver_allocates_while_its_stream_runs() {
+fn no_streaming_driver_allocates_while_its_stream_runs() {
     settles("bota_serial", cases::bota(), cases::bota_sample);
     settles("robotous_can", cases::rft_can(), cases::rft_can_sample);
     settles("robotous_uart", cases::rft_uart(), cases::rft_uart_sample);

@@ -24,12 +24,12 @@ Bursts are twenty, each of two to nine neighbouring frames or answers; long stal
 once; the plug is pulled five times in the middle of a frame, and is back 50 samples later.
 
 `n/n` means that the driver's own counters show each of the hits (as gap, refused, duplicated or skipped, or as a mark on the
-sample), of `unplugged` that the link ended as often (what was sent meanwhile is known to nobody; `ft-capture` counts an interruption),
-of `long stalls` that the device was called lost each time, and every sample that came is delivered. Of bursts `robotous_can` sees
+sample), of `long stalls` that the device was called lost each time, and every sample that came is delivered. Of bursts `robotous_can` sees
 those that cut a sample; where whole samples are lost, nothing shows it. What it cannot tell at all: two frames lost in a row while one of
 the halves that are left is late by a quarter of a period or more (in the lab's slow guest one half in 12 000 was late by a period) may join these;
 nothing counts that. `kept` means that nothing is lost or changed: every sample came, once
-(a device without a clock cannot tell the order). `blind` means that the device sends nothing by
+(a device without a clock cannot tell the order); of `unplugged`, every sample that was whole before the plug was pulled and that was sent
+after it was back (what was sent meanwhile is known to nobody; `ft-capture` counts an interruption). `blind` means that the device sends nothing by
 which anyone could know (no counter, no clock): only samples that were really sent come out, but the loss or doubling is not counted.
 `bus` means that the bus itself excludes the fault (CAN's and USB's own checks, order within a poll). `-` means that the device has no such thing.
 In every cell every sample delivered as good is one that the device sent, whole and unchanged, with one exception: `kunwei_kwr75` has no

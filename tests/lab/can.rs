@@ -2,7 +2,7 @@
 
 use std::process::Command;
 use std::sync::Once;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use ft_capture::settings::in_effect;
@@ -16,7 +16,10 @@ use socketcan::{CanErrorFrame, CanSocket, EmbeddedFrame as _, Socket as _, Stand
 
 use crate::Case;
 use crate::hear::{Heard, Played, hear};
-use crate::machine::{load, run};
+use crate::machine::{load, run, set_kernel};
+
+/// Room of a socket that is opened, bytes.
+const QUEUE_BYTES: &str = "rmem_default";
 
 pub(crate) const CASES: &[Case] = &[
     ("can_robotous", can_robotous),
@@ -85,47 +88,56 @@ fn can_ati() {
         .is_nearly_whole();
 }
 
-/// Frames that nobody asked for, as fast as the kernel takes them: other ids, long ids, and the driver's own data id cut short.
+/// Frames that nobody asked for, about nine a millisecond, with other ids than the sensor's.
 fn can_flooded_bus_costs_no_sample() {
     let played = played("robotous_can", 200.0);
     let (stop, clock) = (AtomicBool::new(false), MonotonicClock::anchored_now());
+    // What is held against must not lack frames, however slow the guest is; the driver's own queue stays as it is.
+    let usual = set_kernel(QUEUE_BYTES, "8388608");
     let mut beside = SocketCanLink::open(bus(), &[0x01, 0x02], clock).unwrap();
-    let (heard, flood, sent) = std::thread::scope(|scope| {
+    set_kernel(QUEUE_BYTES, &usual);
+    let flood = AtomicU64::new(0);
+    let (heard, sent) = std::thread::scope(|scope| {
         let sent = scope.spawn(|| {
             let mut halves = Vec::new();
             while !stop.load(Ordering::Relaxed) {
                 let came = beside.recv(clock.now() + Duration::from_millis(20));
                 halves.extend(came.unwrap().map(|(frame, _)| frame));
             }
+            // What the driver has heard may wait here still.
+            while let Some((frame, _)) = beside.recv(clock.now()).unwrap() {
+                halves.push(frame);
+            }
             let _ = beside.take_notice();
             assert_eq!(beside.overflows(), 0, "what is held against lacks frames");
             halves
         });
-        let flood = scope.spawn(|| {
+        let flooding = scope.spawn(|| {
             let socket = CanSocket::open(bus()).unwrap();
             let clock = MonotonicClock::anchored_now();
-            let mut sent = 0_u64;
             while !stop.load(Ordering::Relaxed) {
                 for id in [0x123, 0x7FF, 0x003] {
                     let id = StandardId::new(id).unwrap();
                     let frame = socketcan::CanFrame::new(id, &[0x0B; 8]).unwrap();
-                    sent += u64::from(socket.write_frame(&frame).is_ok());
+                    flood.fetch_add(socket.write_frame(&frame).is_ok().into(), Ordering::Relaxed);
                 }
                 clock.wait_until(clock.now() + Duration::from_micros(300));
             }
-            sent
         });
-        let heard =
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| played.weighs_the_tool(600)));
+        let enough = || flood.load(Ordering::Relaxed) > 2_000;
+        let heard = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            played.weighs_the_tool_until(600, &enough)
+        }));
         stop.store(true, Ordering::Relaxed);
-        let (flood, sent) = (flood.join().unwrap(), sent.join().unwrap());
+        flooding.join().unwrap();
+        let sent = sent.join().unwrap();
         (
             heard.unwrap_or_else(|cause| std::panic::resume_unwind(cause)),
-            flood,
             sent,
         )
     });
     heard.is_nearly_whole();
+    let flood = flood.into_inner();
     assert!(flood > 2_000, "only {flood} foreign frames");
     let scale = |key: &str| {
         let settings = in_effect(played.device("ft_sensor")).unwrap();
@@ -163,16 +175,15 @@ fn samples(halves: &[CanFrame], [per_newton, per_newton_metre]: [f64; 2]) -> Vec
 
 /// Asserts that from the first sample heard to the last one nothing is missing that is not counted, and nothing was made up.
 fn is_all_that_was_sent(heard: &Heard, sent: &[[f64; 6]]) {
-    let mut heard_samples = heard.wrenches().map(|reading| reading.wrench.to_array());
-    let first = heard_samples.next().unwrap();
-    let begin = sent.iter().position(|sample| *sample == first).unwrap();
-    let mut left = sent[begin + 1..].iter();
-    let mut missing = 0;
-    for sample in heard_samples {
-        let skipped = left.by_ref().position(|sent| *sent == sample);
-        missing +=
-            skipped.unwrap_or_else(|| panic!("{sample:?} was not sent, or not in this order"));
-    }
+    let samples: Vec<_> = heard
+        .wrenches()
+        .map(|reading| reading.wrench.to_array())
+        .collect();
+    // Samples may be alike: the first one heard is any of those that are.
+    let begins = (0..sent.len()).filter(|begin| sent[*begin] == samples[0]);
+    let missing = begins.filter_map(|begin| missing(&samples, &sent[begin..]));
+    let missing = missing.min();
+    let missing = missing.expect("all that was heard was sent, and in this order");
     let counts = heard.counts;
     let told = counts.refused + counts.skipped + counts.overflows;
     assert!(
@@ -181,8 +192,19 @@ fn is_all_that_was_sent(heard: &Heard, sent: &[[f64; 6]]) {
     );
 }
 
+/// How many of `sent` are missing between the samples heard; `None` when those are not all among them in this order.
+fn missing(samples: &[[f64; 6]], sent: &[[f64; 6]]) -> Option<usize> {
+    let mut left = sent.iter();
+    samples
+        .iter()
+        .map(|sample| left.by_ref().position(|sent| sent == sample))
+        .sum()
+}
+
 /// Frames for which the queue of a reader that does not read has no room.
 fn can_frames_without_room_are_counted() {
+    // Or the kernel drops frames before that queue when it is slow, which it counts elsewhere.
+    set_kernel("netdev_max_backlog", "10000");
     let (mut link, clock) = link();
     let socket = CanSocket::open(bus()).unwrap();
     let id = StandardId::new(0x123).unwrap();
@@ -249,6 +271,9 @@ fn can_interface_that_is_down_says_so() {
     run("ip link set vcan0 down");
     let ended = link.recv(clock.now() + Duration::from_millis(300));
     assert!(matches!(ended, Err(LinkError::Down { .. })), "{ended:?}");
+    drop(link);
+    let again = SocketCanLink::open("vcan0", &[1], clock);
+    assert!(matches!(again, Err(LinkError::Down { .. })), "{again:?}");
 }
 
 /// A queue that is never emptied is what a controller without a partner looks like from above.

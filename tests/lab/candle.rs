@@ -131,6 +131,11 @@ fn open(port: &str) -> Result<CanPort, LinkError> {
 
 fn candle_is_ours_alone() {
     let _plugged = Plugged::new(0, "LABCANDLE");
+    let none = open("gs_usb:LABCANDLE/5");
+    assert!(
+        matches!(none, Err(LinkError::Channel { channel: 5, .. })),
+        "{none:?}"
+    );
     let _first = open("gs_usb:LABCANDLE").unwrap();
     let second = open("gs_usb:LABCANDLE");
     assert!(matches!(second, Err(LinkError::Busy { .. })), "{second:?}");

@@ -23,6 +23,14 @@ pub(crate) fn load(module: &str) {
     run(&format!("modprobe -d {kernel} {module}"));
 }
 
+/// Sets one of the network's numbers of the guest's kernel, and says what it was.
+pub(crate) fn set_kernel(name: &str, value: &str) -> String {
+    let path = std::path::Path::new("/proc/sys/net/core").join(name);
+    let before = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, value).unwrap();
+    before.trim().to_owned()
+}
+
 /// Seconds since the guest booted.
 pub(crate) fn uptime() -> String {
     let text = std::fs::read_to_string("/proc/uptime").unwrap_or_default();

@@ -45,8 +45,8 @@ pub trait Surroundings {
 /// Runs a session until its surroundings end it, its duration is over, or a sink fails.
 ///
 /// # Errors
-/// No device can be opened at the start, or one never will be (a wrong name, a missing permission), or the recording or the network
-/// fails. What was recorded is kept.
+/// No device can be opened at the start, or one is there and will not open (a missing permission, a name that is not written as one),
+/// or the recording or the network fails. A name of nothing, be it mistyped, is tried on and told. What was recorded is kept.
 pub fn run(
     plan: &Plan,
     clock: MonotonicClock,

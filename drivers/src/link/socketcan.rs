@@ -26,14 +26,19 @@ mod bits {
     pub(super) const ALL_ERRORS: u32 = 0x1FFF_FFFF;
 }
 
+/// Of `asm-generic/socket.h`.
+mod socket_level {
+    pub(super) const SOL_SOCKET: i32 = 1;
+    pub(super) const SO_ERROR: i32 = 4;
+}
+
 /// `SO_MEMINFO` of `asm-generic/socket.h`: nine words about a socket's memory, of which the last one (`SK_MEMINFO_DROPS` of
 /// `linux/sock_diag.h`) counts frames for which its receive queue had no room. `SO_RXQ_OVFL` reports the same counter beside frames.
 mod memory {
-    pub(super) const SOL_SOCKET: i32 = 1;
     pub(super) const SO_MEMINFO: i32 = 55;
     pub(super) const WORDS: usize = 9;
 }
-/// How often the kernel is asked for it.
+/// How often the kernel is asked whether there is something to tell of it.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// An open CAN interface.
@@ -47,7 +52,6 @@ pub struct SocketCanLink {
     clock: MonotonicClock,
     watch: ErrorWatch,
     foreign: u64,
-    overflows: u64,
     overflow_told: bool,
     look_again_at: HostTime,
     last_arrival: HostTime,
@@ -57,7 +61,7 @@ impl SocketCanLink {
     /// Opens `interface` and takes frames with these 11-bit ids only; with no ids, all frames.
     ///
     /// # Errors
-    /// There is no such interface, or the system refuses a call (a kernel without CAN, for one).
+    /// There is no such interface, it is down, or the system refuses a call (a kernel without CAN, for one).
     pub fn open(
         interface: &str,
         standard_ids: &[u16],
@@ -65,6 +69,19 @@ impl SocketCanLink {
     ) -> Result<Self, LinkError> {
         let failed = |call| move |source| link_error(interface, call, source);
         let socket = CanSocket::open(interface).map_err(failed("open"))?;
+        // An interface that is down opens, and the socket holds the error.
+        let mut pending = [0; 4];
+        socket
+            .get_socket_option_bytes(
+                socket_level::SOL_SOCKET,
+                socket_level::SO_ERROR,
+                &mut pending,
+            )
+            .map_err(failed("ask for errors"))?;
+        match i32::from_ne_bytes(pending) {
+            0 => {}
+            code => return Err(failed("open")(io::Error::from_raw_os_error(code))),
+        }
         if !standard_ids.is_empty() {
             let mask = bits::STANDARD_MASK | bits::EXTENDED | bits::REMOTE;
             let filters: Vec<_> = standard_ids
@@ -92,7 +109,6 @@ impl SocketCanLink {
             clock,
             watch: ErrorWatch::new(),
             foreign: 0,
-            overflows: 0,
             overflow_told: false,
             look_again_at: HostTime::EPOCH,
             last_arrival: HostTime::EPOCH,
@@ -114,9 +130,11 @@ impl SocketCanLink {
     /// Frames for which the receive queue had no room so far; a kernel before 4.12 does not say.
     fn ask_for_overflows(&self) -> Option<u64> {
         let mut words = [0; 4 * memory::WORDS];
-        let asked =
-            self.socket
-                .get_socket_option_bytes(memory::SOL_SOCKET, memory::SO_MEMINFO, &mut words);
+        let asked = self.socket.get_socket_option_bytes(
+            socket_level::SOL_SOCKET,
+            memory::SO_MEMINFO,
+            &mut words,
+        );
         let last = words
             .last_chunk()
             .filter(|_| asked.ok() == Some(words.len()))?;
@@ -233,20 +251,21 @@ impl Link for SocketCanLink {
     }
 
     fn overflows(&self) -> u64 {
-        self.overflows
+        self.ask_for_overflows().unwrap_or_default()
     }
 
     fn take_notice(&mut self) -> Option<String> {
         let now = self.clock.now();
-        if now >= self.look_again_at {
+        if !self.overflow_told && now >= self.look_again_at {
             self.look_again_at = now + LOOK_EVERY;
-            self.overflows = self.ask_for_overflows().unwrap_or(self.overflows);
-        }
-        if self.overflows > 0 && !std::mem::replace(&mut self.overflow_told, true) {
-            let (interface, overflows) = (&self.interface, self.overflows);
-            return Some(format!(
-                "{interface}: frames are lost ({overflows} found no room in the kernel's queue): this machine is too busy"
-            ));
+            let overflows = self.overflows();
+            if overflows > 0 {
+                self.overflow_told = true;
+                return Some(format!(
+                    "{}: frames are lost ({overflows} found no room in the kernel's queue): this machine is too busy",
+                    self.interface
+                ));
+            }
         }
         self.watch.notice(now, &self.interface)
     }

@@ -71,7 +71,11 @@ pub(crate) fn rft_uart_sample(index: usize, _ticks: u64, overload: bool) -> Vec<
 
 pub(crate) fn rft_can() -> robotous_can::RobotousCan {
     robotous_can::RobotousCan::new(robotous_can::Config {
-        sensor: rft_config(),
+        // A sample every millisecond, as the matrix has them.
+        sensor: robotous::Config {
+            rate_hz: 1000,
+            ..rft_config()
+        },
         ..robotous_can::Config::default()
     })
 }

@@ -350,7 +350,8 @@ where
                 (all - pulls, 0),
                 "{what}: {counts:?}"
             );
-            counted(pulled as u64, pulls)
+            assert_eq!(pulled, PULLS, "{what}");
+            "kept".to_owned()
         }
         Fault::Burst => {
             assert_eq!(delivered + out.hits, all, "{what}: {counts:?}");
