@@ -216,9 +216,8 @@ impl State {
             let here = self.effects[i].0.kind;
             let better = seen.ranked.iter().find(|entry| {
                 let name = entry.kind.name;
-                let mut others = self.effects.clone();
-                others.remove(i);
-                let there = others.iter().filter(|(f, _)| f.kind.name == name);
+                let numbered = self.effects.iter().enumerate();
+                let there = numbered.filter(|(j, (f, _))| *j != i && f.kind.name == name);
                 name != "time_lag"
                     && !core::ptr::eq(entry.kind, here)
                     && there.count() < most_of(entry.kind)

@@ -35,7 +35,7 @@ pub const SPRING: Kind = Kind {
     separate: "slow strokes over the whole range",
 };
 
-/// A strut's share of the distance between its pivots on the frame and on the part, and what the angle between them is where q is 0.
+/// What a spring between two pivots does per unit of its terms: the part of its rate, and the part of its force.
 fn strut(shape: &[f64], q: f64) -> [f64; 2] {
     let (ratio, (sin, cos)) = (shape[1], (q + shape[0]).sin_cos());
     let length = (1.0 + ratio * (ratio - 2.0 * cos)).max(1e-12).sqrt();
