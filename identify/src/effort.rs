@@ -181,6 +181,8 @@ pub fn joint_effort(
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
             change: None,
+            slips_left_in: false,
+            beside: coordinate.beside,
         },
     };
     Ok(JointEffort {
@@ -279,6 +281,8 @@ fn work(
 struct Coordinate {
     q: Vec<f64>,
     noise: Vec<Vec<f64>>,
+    /// See [`Aside::beside`].
+    beside: Vec<Vec<f64>>,
     acceleration: [Option<f64>; 2],
 }
 
@@ -309,6 +313,7 @@ impl Coordinate {
             return Ok(Self {
                 q,
                 noise,
+                beside: Vec::new(),
                 acceleration: [Some(acceleration), None],
             });
         }
@@ -328,6 +333,7 @@ impl Coordinate {
             return Ok(Self {
                 q: by_position,
                 noise: position_noise,
+                beside: Vec::new(),
                 acceleration: [Some(from_position), None],
             });
         }
@@ -362,6 +368,7 @@ impl Coordinate {
                 mix(&position_noise[0], &tilts[0]),
                 mix(&position_noise[1], &tilts[1]),
             ],
+            beside: position_noise,
             acceleration: [Some(from_position), Some(from_rotation)],
         })
     }

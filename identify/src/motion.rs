@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
+use crate::effect::slip::{self, jumps};
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
 use crate::noise;
 use crate::samples::{JointSamples, quantile};
@@ -126,6 +127,8 @@ pub struct Motion {
     /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
     /// say how much: there regressors and efforts count as zero before the filter.
     pub slides: Vec<bool>,
+    /// When the tool slid on the handle.
+    pub slips: Vec<Slip>,
     /// Indices of the samples used in fits, ascending.
     pub kept: Vec<usize>,
     /// Samples (at the fit's rate) taken out, by gate.
@@ -135,6 +138,15 @@ pub struct Motion {
     smoothing: LowPass,
     filter: LowPass,
     kernel: kernel::Kernel,
+}
+
+/// An instant at which the tool slid on the handle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slip {
+    /// s from the start of the recording.
+    pub at: f64,
+    /// How far across the path, in the unit of the coordinate.
+    pub across: f64,
 }
 
 const MIN_RUN_S: f64 = 1.0;
@@ -166,6 +178,7 @@ impl Motion {
         }
         work.noise = vec![Vec::new(); samples.noise_of_q.len()];
         work.across = vec![Vec::new(); samples.aside.across.len()];
+        work.beside = vec![Vec::new(); samples.aside.beside.len()];
         for run in samples
             .runs
             .iter()
@@ -208,6 +221,7 @@ impl Motion {
             tool_inertia: samples.aside.tool_inertia,
             lies: samples.aside.lies,
             slides: Vec::new(),
+            slips: Vec::new(),
             kept: Vec::new(),
             gated: BTreeMap::new(),
             slow_speed: 0.0,
@@ -222,11 +236,49 @@ impl Motion {
                 total,
             });
         }
-        for k in 0..motion.noise_of_q.len() {
-            let series = core::mem::take(&mut motion.noise_of_q[k]);
-            motion.noise_of_q[k] = noise::less_path(&motion, series)?;
+        motion.find_slips(work.beside, !samples.aside.slips_left_in)?;
+        if motion.kept.len() < MIN_KEPT {
+            return Err(MotionError::AllGated {
+                kept: motion.kept.len(),
+                total,
+            });
         }
         Ok(motion)
+    }
+
+    /// Frees the position's noise of the path and of what the tool slid by, and leaves the instants at which it slid out of fits.
+    fn find_slips(&mut self, beside: Vec<Vec<f64>>, leave_out: bool) -> Result<(), MotionError> {
+        let measured = self.noise_of_q.clone();
+        self.free_noise_of_path(measured.clone())?;
+        let beside = beside.into_iter().map(|one| noise::less_path(self, one));
+        let beside = beside.collect::<Result<Vec<_>, _>>()?;
+        self.slips = if beside.is_empty() {
+            jumps(self, &self.noise_of_q)
+        } else {
+            jumps(self, &beside)
+        };
+        if self.slips.is_empty() {
+            return Ok(());
+        }
+        let level = |series: &Vec<f64>| noise::level(self, series);
+        let level = measured.iter().map(level).collect();
+        self.free_noise_of_path(level)?;
+        if leave_out {
+            for (slides, t) in self.slides.iter_mut().zip(&self.time) {
+                *slides &= !slip::slides(&self.slips, *t);
+            }
+            let before = self.kept.len();
+            self.kept
+                .retain(|i| !slip::slides(&self.slips, self.time[*i]));
+            self.gated.insert("slip", before - self.kept.len());
+        }
+        Ok(())
+    }
+
+    fn free_noise_of_path(&mut self, series: Vec<Vec<f64>>) -> Result<(), MotionError> {
+        let free = series.into_iter().map(|one| noise::less_path(self, one));
+        self.noise_of_q = free.collect::<Result<_, _>>()?;
+        Ok(())
     }
 
     /// Lets friction be unknown where the joint turns, too; gives [`Motion::slides`] as it was.
@@ -430,6 +482,7 @@ struct Work {
     tau: Vec<f64>,
     noise: Vec<Vec<f64>>,
     across: Vec<Vec<f64>>,
+    beside: Vec<Vec<f64>>,
 }
 
 impl Work {
@@ -468,8 +521,10 @@ impl Work {
             .extend(samples.time[run.clone()].iter().step_by(factor));
         self.q.extend(q);
         self.tau.extend(tau);
-        let both = self.noise.iter_mut().chain(&mut self.across);
-        for (all, new) in both.zip(noise.into_iter().chain(across)) {
+        let beside = reduced(&samples.aside.beside)?;
+        let all = self.noise.iter_mut().chain(&mut self.across);
+        let new = noise.into_iter().chain(across).chain(beside);
+        for (all, new) in all.chain(&mut self.beside).zip(new) {
             all.extend(new);
         }
         self.runs.push(start..self.time.len());

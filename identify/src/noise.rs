@@ -11,11 +11,10 @@
 
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
-use crate::effect::slip::jumps;
 use crate::filter::{LowPass, first_derivative, second_derivative};
 use crate::least_squares::rms;
 use crate::mechanism::{Mechanism as _, SplineMechanism};
-use crate::motion::{Motion, MotionError};
+use crate::motion::{Motion, MotionError, Slip};
 use crate::samples::{JointSamples, extrema, quantile};
 use crate::screw::JointKind;
 use nalgebra::{SMatrix, SVector};
@@ -104,16 +103,14 @@ pub fn floor(
         };
         white(q_white, &through)
     } else {
-        let slid = jumps(motion);
         let mut squares = 0.0;
         for series in &motion.noise_of_q {
-            let away = level(motion, &slid, series);
             let (velocity, acceleration) =
                 (motion.derivative(series), motion.second_derivative(series));
             let effort: Vec<f64> = (0..series.len())
                 .map(|i| {
                     let damping = viscous + slopes.damping[i];
-                    inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * away[i]
+                    inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
                 })
                 .collect();
             squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
@@ -131,13 +128,13 @@ pub fn floor(
 /// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch
 /// counts as such when the pose across the path jumps there, or when it has many times what is usual.
 pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
-    let slid = jumps(motion);
     let values = motion.regressor_of_all(effort)?;
     let mut stretches: std::collections::BTreeMap<i64, (f64, usize)> =
         std::collections::BTreeMap::new();
     for (&i, value) in motion.kept.iter().zip(values) {
         let at = motion.time[i];
-        if slid.iter().all(|jump| (at - jump).abs() > SLIDES_S) {
+        let slid = |slip: &Slip| (at - slip.at).abs() < SLIDES_S;
+        if !motion.slips.iter().any(slid) {
             let stretch = stretches.entry((at / STRETCH_S) as i64).or_default();
             *stretch = (stretch.0 + value * value, stretch.1 + 1);
         }
@@ -172,11 +169,9 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     if motion.kind != JointKind::Revolute {
         return Ok(0.0);
     }
-    let slid = jumps(motion);
     let mut squares = 0.0;
     for series in &motion.noise_of_q {
-        let away = level(motion, &slid, series);
-        let effort: Vec<f64> = away
+        let effort: Vec<f64> = series
             .iter()
             .zip(&motion.tau)
             .map(|(n, tau)| n * tau)
@@ -187,9 +182,10 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
 }
 
 /// A series less its mean between the instants at which the pads slid on the handle: what they slid by is no noise.
-fn level(motion: &Motion, slid: &[f64], series: &[f64]) -> Vec<f64> {
-    let stretch = |i: usize| slid.iter().filter(|at| **at < motion.time[i]).count();
-    let mut sums = vec![(0.0, 0_usize); slid.len() + 1];
+pub(crate) fn level(motion: &Motion, series: &[f64]) -> Vec<f64> {
+    let slips = &motion.slips;
+    let stretch = |i: usize| slips.iter().filter(|s| s.at < motion.time[i]).count();
+    let mut sums = vec![(0.0, 0_usize); slips.len() + 1];
     for (i, value) in series.iter().enumerate() {
         let sum = &mut sums[stretch(i)];
         *sum = (sum.0 + value, sum.1 + 1);

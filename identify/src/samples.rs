@@ -44,6 +44,11 @@ pub struct Aside {
     pub lies: bool,
     /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.
     pub change: Option<Change>,
+    /// Where the tool is across its path, in the unit of `q`, where `noise_of_q` shows less of it because the coordinate comes from
+    /// orientations, too.
+    pub beside: Vec<Vec<f64>>,
+    /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
+    pub slips_left_in: bool,
 }
 
 /// An upright hinge that leans: weight acts on it.
@@ -145,6 +150,14 @@ impl JointSamples {
         if let Some(change) = out.aside.change.take() {
             out.tau = change.tau;
         }
+        out
+    }
+
+    /// The same with the instants left in at which the tool slid on the handle.
+    #[must_use]
+    pub fn with_slips_left_in(&self) -> Self {
+        let mut out = self.clone();
+        out.aside.slips_left_in = true;
         out
     }
 

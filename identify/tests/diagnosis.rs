@@ -25,7 +25,13 @@ struct Drawer {
     extra: Extra,
     lag_s: f64,
     give_m_per_n: f64,
+    play_m: f64,
+    /// When the tool slides on the handle, s.
+    slips: Vec<f64>,
 }
+
+/// What the tool slides by each time, along the path and across it, m.
+const SLIPS_BY: [f64; 2] = [0.006, 0.004];
 
 impl Drawer {
     fn with(extra: impl FnMut(f64, f64, f64, f64) -> f64 + 'static) -> Self {
@@ -36,6 +42,8 @@ impl Drawer {
             extra: Box::new(extra),
             lag_s: 0.0,
             give_m_per_n: 0.0,
+            play_m: 0.0,
+            slips: Vec::new(),
         }
     }
 
@@ -55,7 +63,12 @@ impl Drawer {
             let shake = 0.012 * (1.0 + (0.31 * t).sin()) * (8.0 * t + a).sin();
             0.03 + 0.44 * RANGE * (1.0 - phase.cos()) + shake * (0.6 * t).sin().max(0.0)
         };
+        let slid = |t: f64| -> f64 {
+            let rise = |at: &f64| 0.5 * (1.0 + ((t - at) / 0.015).tanh());
+            self.slips.iter().map(rise).sum()
+        };
         let (mut q, mut tau) = (Vec::new(), Vec::new());
+        let mut side = 0.0_f64;
         for i in 0..n as i64 {
             let (before, now, after) = (at(i - 1), at(i), at(i + 1));
             let (dq, ddq) = (
@@ -67,7 +80,10 @@ impl Drawer {
                 + self.coulomb * dq.signum()
                 + self.viscous * dq
                 + (self.extra)(t, now, dq, ddq);
-            q.push(now + self.give_m_per_n * effort);
+            // It takes the hand some ms to cross the play.
+            side += (effort.signum() - side) / (0.01 * RATE);
+            let moved = 0.5 * self.play_m * side + self.give_m_per_n * effort;
+            q.push(now + moved + SLIPS_BY[0] * slid(t));
             tau.push(effort);
         }
         let late = self.lag_s * RATE;
@@ -85,7 +101,12 @@ impl Drawer {
             time: (0..n).map(|i| i as f64 / RATE).collect(),
             q: q.into_iter().map(|q| q + 6e-5 * draw()).collect(),
             tau: lagged.into_iter().map(|tau| tau + 0.08 * draw()).collect(),
-            noise_of_q: Vec::new(),
+            noise_of_q: if self.slips.is_empty() {
+                Vec::new()
+            } else {
+                let across = |i| 6e-5 * draw() + SLIPS_BY[1] * slid(i as f64 / RATE);
+                vec![(0..n).map(across).collect()]
+            },
             aside: ft_identify::samples::Aside::default(),
         }
     }
@@ -135,6 +156,10 @@ fn cases() -> Vec<(&'static str, Drawer)> {
     late.lag_s = 0.009;
     let mut soft = Drawer::plain();
     soft.give_m_per_n = 1.0 / 1500.0;
+    let mut loose = Drawer::plain();
+    (loose.play_m, loose.give_m_per_n) = (0.004, 1e-5);
+    let mut slippery = Drawer::plain();
+    slippery.slips = vec![11.0, 23.3, 34.1];
     vec![
         ("constant_load", Drawer::with(|_, _, _, _| -2.5)),
         ("spring", Drawer::with(|_, q, _, _| 18.0 * (q - 0.1))),
@@ -175,6 +200,8 @@ fn cases() -> Vec<(&'static str, Drawer)> {
         ("sensor_drift", Drawer::with(|t, _, _, _| 0.04 * t - 0.8)),
         ("time_lag", late),
         ("grasp_compliance", soft),
+        ("backlash", loose),
+        ("slip", slippery),
     ]
 }
 
@@ -200,6 +227,45 @@ fn each_effect_is_named_first_or_among_its_look_alikes() {
     println!("simulated: first {first} of {count}, alone {alone}, missed {missed:?}");
     assert!(missed.is_empty(), "missed {missed:?}");
     assert!(first + 2 >= count, "first in {first} of {count} only");
+}
+
+#[test]
+fn where_the_tool_slid_no_fit_looks_and_a_recording_without_slips_does_not_confirm_them() {
+    let slipped = |times: &[f64], seed| {
+        let mut drawer = Drawer::plain();
+        drawer.slips = times.to_vec();
+        drawer.record(45.0, seed)
+    };
+    let first = slipped(&[11.0, 23.3, 34.1], 130);
+    let mut found = look(&first);
+    println!("simulated: {}", told(&found));
+    let slip = &found.effects[0];
+    assert_eq!(slip.found.kind.name, "slip");
+    let [count, across, at @ ..] = slip.found.shape.as_slice() else {
+        panic!("{:?}", slip.found.shape)
+    };
+    assert_eq!(*count, 3.0);
+    assert!((across - SLIPS_BY[1]).abs() < 5e-4, "{across}");
+    for (found, wanted) in at.iter().zip([11.0, 23.3, 34.1]) {
+        assert!((found - wanted).abs() < 0.03, "{at:?}");
+    }
+    assert!(slip.held_out_rms[1] < 1.15 * found.floor.rms);
+    let theta = found.model.theta.as_slice();
+    for (theta, wanted) in theta.iter().zip([4.0, 3.0, 5.0]) {
+        assert!((theta / wanted - 1.0).abs() < 0.02, "{theta} {wanted}");
+    }
+    let with = |other| vec![("other".to_owned(), other)];
+    let settings = MotionSettings::default();
+    let again = with(slipped(&[8.0, 30.0], 131));
+    let confirmed = confirm(&mut found, &again, &settings).unwrap();
+    assert_eq!(names(&found), ["slip"]);
+    assert!(confirmed[0].rms[0][1] < 0.8 * confirmed[0].rms[0][0]);
+    confirm(&mut found, &with(slipped(&[99.0], 132)), &settings).unwrap();
+    assert!(found.effects.is_empty());
+    assert_eq!(
+        found.refused.last().map(|refused| refused.name),
+        Some("slip")
+    );
 }
 
 #[test]

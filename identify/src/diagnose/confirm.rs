@@ -9,6 +9,7 @@ use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::shapes::polished;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, kind};
+use crate::effect::slip::SLIP;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::samples::{JointSamples, extrema};
@@ -69,6 +70,19 @@ pub fn confirm(
         datums.push(datum(diagnosis, ground)?);
     }
     while at < diagnosis.effects.len() {
+        let slid = diagnosis.effects[at].found.kind.name == SLIP.name;
+        let held = |motion: &Motion| motion.slips.is_empty();
+        if let Some((file, ..)) = grounds.iter().find(|(.., g)| slid && held(&g.motion)) {
+            let gone = diagnosis.effects.remove(at);
+            diagnosis.refused.push(Refused {
+                name: gone.found.kind.name,
+                reason: format!(
+                    "not confirmed: the tool did not slide in {file}; the instants at which it did here are left out of the fits all the same"
+                ),
+                held_out_rms: gone.held_out_rms,
+            });
+            continue;
+        }
         if diagnosis.effects[at].found.taken_out() {
             at += 1;
             continue;
@@ -115,7 +129,7 @@ pub fn confirm(
                 continue;
             }
             if diagnosis.effects[count].found.taken_out() {
-                let mut left_in = with_change(samples, settings)?;
+                let mut left_in = left_in(&diagnosis.effects[count].found, samples, settings)?;
                 leave_probed(&mut left_in, &diagnosis.motion)?;
                 pairs.push([
                     error_on(diagnosis, &all, &left_in, datum)?.0,
@@ -166,8 +180,17 @@ const BEYOND: f64 = 0.05;
 /// Less than this share of a recording cannot stand for it.
 const LEAST_PROBED: f64 = 0.5;
 
-fn with_change(samples: &JointSamples, settings: &MotionSettings) -> Result<Ground, DynamicsError> {
-    let samples = samples.with_change_left_in();
+/// The recording with what effect `taken_out` stands for left in.
+fn left_in(
+    taken_out: &Found,
+    samples: &JointSamples,
+    settings: &MotionSettings,
+) -> Result<Ground, DynamicsError> {
+    let samples = if taken_out.kind.name == SLIP.name {
+        samples.with_slips_left_in()
+    } else {
+        samples.with_change_left_in()
+    };
     Ok(Ground::of(Motion::prepare(&samples, settings)?)?)
 }
 

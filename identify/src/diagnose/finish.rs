@@ -1,6 +1,6 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
-use super::gates::GIVES;
+use super::gates::{GIVES, LEAST_SIZE};
 use super::model::{Found, Ground, is_known, is_smooth_load};
 use super::score::{Problem, solve};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
@@ -8,18 +8,18 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, kind};
 use crate::effect::load::STRUT;
+use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
 
-/// Kinds that only a tare, or rest under no force, tells apart: on moving samples their regressors agree.
-const ALIAS: [(&str, &str); 2] = [
-    ("constant_load", "asymmetric_coulomb"),
-    ("grasp_compliance", "backlash"),
-];
+/// Kinds that only a tare tells apart: on moving samples their regressors agree.
+const ALIAS: (&str, &str) = ("constant_load", "asymmetric_coulomb");
+/// Kinds that are told apart only where nothing else is left: how pads hit the handle behind their play is in no model.
+const CRUDE: (&str, &str) = ("grasp_compliance", "backlash");
 /// The share of the gain that makes one of these a look-alike of the other: their forms are cruder than that.
 const ALIAS_GAIN: f64 = 0.5;
 /// Kinds that hold another one as a special case: no alternatives to it.
-const CONTAIN: [(&str, &str); 7] = [
+const CONTAIN: [(&str, &str); 8] = [
     ("spring", "constant_load"),
     ("spring", "asymmetric_coulomb"),
     ("sensor_drift", "constant_load"),
@@ -27,6 +27,7 @@ const CONTAIN: [(&str, &str); 7] = [
     ("gravity", "constant_load"),
     ("gravity", "asymmetric_coulomb"),
     ("damping_zone", "asymmetric_viscous"),
+    ("backlash", "grasp_compliance"),
 ];
 
 impl State {
@@ -146,6 +147,9 @@ impl State {
                 ambiguous_with: Vec::new(),
             });
         }
+        if let Some(slip) = self.slip(&ordered, model.held_out_rms)? {
+            effects.push(slip);
+        }
         Ok(Diagnosis {
             effects,
             refused: self.refused,
@@ -180,6 +184,24 @@ impl State {
         Ok(Some(own(vec![falls, false])))
     }
 
+    /// That the tool slid on the handle, where leaving it in would have moved the effort by more than the floor allows to doubt.
+    fn slip(&self, found: &[Found], after: f64) -> Result<Option<NamedEffect>, DynamicsError> {
+        let slips = &self.ground.motion.slips;
+        if slips.is_empty() || self.samples.aside.slips_left_in {
+            return Ok(None);
+        }
+        let left_in = Motion::prepare(&self.samples.with_slips_left_in(), &self.settings)?;
+        let before = fit_found(&left_in, found)?.held_out_rms;
+        let moved = (before.powi(2) - after.powi(2)).max(0.0).sqrt();
+        let effect = NamedEffect {
+            found: self.ground.found(&SLIP, slip::shape(slips), Vec::new()),
+            held_out_rms: [before, after],
+            p_value: 0.0,
+            ambiguous_with: Vec::new(),
+        };
+        Ok((moved > LEAST_SIZE * self.floor.rms).then_some(effect))
+    }
+
     /// Effects that would do nearly as well in place of effect `i`.
     fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
         let (seen, own) = self.in_place_of(i)?;
@@ -189,17 +211,22 @@ impl State {
         let found = &self.effects[i].0;
         let name = found.kind.name;
         let gain = (seen.mse - own).max(0.0);
+        let left = self.error()? > EXPLAINED_BELOW * self.floor.rms;
         let mut alike: Vec<Ambiguity> = seen
             .ranked
             .iter()
             .filter(|entry| entry.kind.name != name)
             .filter(|entry| {
-                let alias = ALIAS.contains(&(entry.kind.name, name))
-                    || ALIAS.contains(&(name, entry.kind.name));
+                let are = |pair| [(entry.kind.name, name), (name, entry.kind.name)].contains(&pair);
+                let alias = are(ALIAS) || left && are(CRUDE);
                 let least = if alias { ALIAS_GAIN } else { 0.85 };
                 seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
-            .filter(|entry| !CONTAIN.contains(&(entry.kind.name, name)) || entry.mse < 0.95 * own)
+            .filter(|entry| {
+                let contains = CONTAIN.contains(&(entry.kind.name, name));
+                let crude = left && CRUDE == (name, entry.kind.name);
+                !contains || crude || entry.mse < 0.95 * own
+            })
             .map(|entry| ambiguity(entry.kind))
             .collect();
         // A strut whose rate cannot be seen apart from the weight.

@@ -214,10 +214,11 @@ impl State {
 
     /// How far the tool moves before the object does: a play, or a compliance under the usual effort.
     fn given_way(&self, found: &Found) -> f64 {
-        if found.kind.name == "backlash" {
-            return found.shape[0];
+        let effort = rms(&self.ground.motion.tau);
+        match found.shape.as_slice() {
+            [gap, compliance] => gap + compliance * effort,
+            shape => shape.iter().sum::<f64>() * effort,
         }
-        found.shape[0] * rms(&self.ground.motion.tau)
     }
 }
 

@@ -8,10 +8,14 @@ use super::search::{Refused, State};
 use super::shapes::polished;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Search, kind};
+use crate::effect::measurement::GRASP_COMPLIANCE;
+use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
 
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
+/// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
+const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
 impl State {
     /// Shapes of all effects once more, together.
@@ -154,6 +158,54 @@ impl State {
             let problem = Problem::new(&x, &efforts, &self.ground.folds);
             let holds = self.outcome(&problem, &self.effects[i].0).is_some();
             if !holds || self.error()? > REFORMED_BELOW * before {
+                self.effects = as_was;
+            }
+        }
+        self.play()
+    }
+
+    /// Puts play in the place of a grasp that gives when that errs less, and takes it away when it does not.
+    fn play(&mut self) -> Result<(), DynamicsError> {
+        let there = |name: &str| self.effects.iter().position(|(f, _)| f.kind.name == name);
+        let own = |kind, shape| self.ground.found(kind, shape, vec![true]);
+        let effort = rms(&self.ground.motion.tau);
+        let (i, others) = match (there(GRASP_COMPLIANCE.name), there(BACKLASH.name)) {
+            (Some(i), None) => {
+                let compliance = self.effects[i].0.shape[0];
+                let played = PLAYS.map(|[gap, rest]| {
+                    own(
+                        &BACKLASH,
+                        vec![gap * compliance * effort, rest * compliance],
+                    )
+                });
+                (i, played.to_vec())
+            }
+            (None, Some(i)) => {
+                let &[gap, compliance] = self.effects[i].0.shape.as_slice() else {
+                    return Ok(());
+                };
+                let given = [0.0, 0.5].map(|share| {
+                    let compliance = compliance + share * gap / effort;
+                    own(&GRASP_COMPLIANCE, vec![compliance])
+                });
+                (i, given.to_vec())
+            }
+            _ => return Ok(()),
+        };
+        let mut least = self.error()?;
+        if self.effects[i].0.kind.name == GRASP_COMPLIANCE.name {
+            least *= REFORMED_BELOW;
+        } else {
+            least /= REFORMED_BELOW;
+        }
+        for other in others {
+            let as_was = self.effects.clone();
+            self.effects[i].0 = other;
+            self.polish()?;
+            let error = self.error()?;
+            if error < least {
+                least = error;
+            } else {
                 self.effects = as_was;
             }
         }

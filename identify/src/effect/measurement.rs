@@ -1,6 +1,7 @@
 //! Effects of the measurement: time, sensor, load, grasp.
 
-use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
+use super::library::{Belongs, Kind, Search, Unit, Variable, even, geometric};
+use super::memory;
 use crate::least_squares::Bound::{Free, NonNegative};
 use crate::least_squares::rms;
 
@@ -106,16 +107,7 @@ pub const GRASP_COMPLIANCE: Kind = Kind {
             .map(|share| vec![share * scope.range() / effort])
             .collect()
     },
-    series: |scope, shape| vec![given(scope, shape[0])],
+    series: |scope, shape| vec![memory::played(scope, 0.0, shape[0])],
     at: None,
     separate: "a firmer grasp, or pulling against a locked joint",
 };
-
-fn given(scope: &Scope<'_>, compliance: f64) -> Vec<f64> {
-    let motion = scope.motion;
-    let Ok(effort) = motion.filtered(&motion.tau) else {
-        return Vec::new();
-    };
-    let aside: Vec<f64> = effort.iter().map(|tau| -compliance * tau).collect();
-    scope.moved_object(&aside)
-}

@@ -1,97 +1,102 @@
 //! Pads that slide on the handle: the tool jumps against the object, at instants that the pose across the path shows.
 
-use super::library::{Belongs, Kind, Scope, Search, Unit, Variable};
-use crate::least_squares::Bound::Free;
-use crate::motion::Motion;
-use crate::samples::quantile;
+use super::library::{Belongs, Kind, Search, Unit, Variable};
+use crate::motion::{Motion, Slip};
+use crate::samples::{extrema, quantile};
 
-/// At most so many instants.
+/// At most so many instants are reported.
 const MOST: usize = 5;
 /// Seconds left out about an instant, and taken on either side of it.
-const APART_S: f64 = 0.08;
-const SIDE_S: f64 = 0.25;
-/// A jump is so many times what the path usually does in that time.
-const LEAST: f64 = 7.0;
-/// How long one is taken to last, s.
-const LASTS_S: f64 = 0.06;
-/// The shape of an instant that is not there.
+const APART_S: f64 = 0.06;
+const SIDE_S: f64 = 0.06;
+/// A jump is so many times what the path usually does in that time, and this share of the range.
+const LEAST: f64 = 6.5;
+const LEAST_WAY: f64 = 0.002;
+/// Two jumps are so far apart, s.
+const BETWEEN_S: f64 = 0.3;
+/// How long before and after an instant the tool is taken to slide, s.
+const SLIDES_S: f64 = 0.15;
+/// What jumps for more than this share of the time is no hand that slips.
+const MOST_OF_TIME: f64 = 0.15;
+/// The time of an instant that is not there.
 const NONE: f64 = -1.0;
 
-/// `q` of the tool jumps by `step` at up to five instants; a regressor is what the jump's speed and acceleration make of the
-/// inertia and viscous friction found so far. The instants come from the pose across the path, where nothing else jumps.
+/// The tool's motion is not the object's while the pads slide: those samples are left out of every fit. The instants come from the
+/// pose across the path, where nothing else jumps; how far the tool slid along the path is not seen.
 pub const SLIP: Kind = Kind {
     name: "slip",
     belongs: Belongs::Recording,
-    terms: &[
-        ("step_1", Unit::Position, Free),
-        ("step_2", Unit::Position, Free),
-        ("step_3", Unit::Position, Free),
-        ("step_4", Unit::Position, Free),
-        ("step_5", Unit::Position, Free),
-    ],
+    terms: &[],
     shape: &[
-        ("at_1", Unit::Time, Search::Seconds(0.15)),
-        ("at_2", Unit::Time, Search::Seconds(0.15)),
-        ("at_3", Unit::Time, Search::Seconds(0.15)),
-        ("at_4", Unit::Time, Search::Seconds(0.15)),
-        ("at_5", Unit::Time, Search::Seconds(0.15)),
+        ("count", Unit::One, Search::Fixed),
+        ("across", Unit::Position, Search::Fixed),
+        ("at_1", Unit::Time, Search::Fixed),
+        ("at_2", Unit::Time, Search::Fixed),
+        ("at_3", Unit::Time, Search::Fixed),
+        ("at_4", Unit::Time, Search::Fixed),
+        ("at_5", Unit::Time, Search::Fixed),
     ],
     variable: Variable::Time,
-    grid: |scope| {
-        let mut at = jumps(scope.motion);
-        if at.is_empty() {
-            return vec![];
-        }
-        at.resize(MOST, NONE);
-        vec![at]
-    },
-    series: |scope, shape| shape.iter().map(|at| jump(scope, *at)).collect(),
+    grid: |_| Vec::new(),
+    series: |_, _| Vec::new(),
     at: None,
     separate: "a mark on the handle beside the pads, or a firmer grasp",
 };
 
-/// Effort of a jump by one at `at`, s.
-fn jump(scope: &Scope<'_>, at: f64) -> Vec<f64> {
-    let motion = scope.motion;
-    if at <= NONE {
-        return vec![0.0; motion.time.len()];
-    }
-    let aside: Vec<f64> = motion
-        .time
-        .iter()
-        .map(|t| {
-            let u = ((t - at) / LASTS_S + 0.5).clamp(0.0, 1.0);
-            u * u * (3.0 - 2.0 * u)
-        })
-        .collect();
-    let (speed, acceleration) = (motion.derivative(&aside), motion.second_derivative(&aside));
-    let [inertia, _, viscous] = scope.rigid;
-    let both = acceleration.iter().zip(&speed);
-    both.map(|(a, v)| inertia * a + viscous * v).collect()
+/// How many, how far across the path the farthest went, and when the first ones were.
+pub(crate) fn shape(slips: &[Slip]) -> Vec<f64> {
+    let farthest = slips.iter().map(|slip| slip.across).fold(0.0, f64::max);
+    let mut out = vec![slips.len() as f64, farthest];
+    out.extend(slips.iter().map(|slip| slip.at).take(MOST));
+    out.resize(2 + MOST, NONE);
+    out
 }
 
-/// Instants at which the pose across the path jumps, the largest first, s.
-pub(crate) fn jumps(motion: &Motion) -> Vec<f64> {
+/// Whether the tool slides on the handle at `t`, s.
+pub(crate) fn slides(slips: &[Slip], t: f64) -> bool {
+    slips.iter().any(|slip| (t - slip.at).abs() < SLIDES_S)
+}
+
+/// The jumps of the pose across the path, `beside` it, in the order of their time.
+pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
     let count = motion.time.len();
+    let mut ways = vec![0.0; count];
     let mut sizes = vec![0.0; count];
-    for series in &motion.noise_of_q {
-        let step = differences(motion, series);
-        let usual: Vec<f64> = step.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
+    for series in beside {
+        let steps = differences(motion, series);
+        let usual: Vec<f64> = steps.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
         let usual = quantile(&usual, 0.5).max(1e-12) / 0.6745;
-        for (size, step) in sizes.iter_mut().zip(&step) {
+        for ((way, size), step) in ways.iter_mut().zip(&mut sizes).zip(&steps) {
+            *way = f64::hypot(*way, *step);
             *size = f64::hypot(*size, step / usual);
         }
     }
-    let apart = (0.4 / motion.period) as usize;
-    let mut order: Vec<usize> = (0..count).filter(|&i| sizes[i] > LEAST).collect();
+    let (low, high) = extrema(&motion.q);
+    let jumps = |i: &usize| sizes[*i] > LEAST && ways[*i] > LEAST_WAY * (high - low);
+    let apart = (BETWEEN_S / motion.period) as usize;
+    let mut order: Vec<usize> = (0..count).filter(jumps).collect();
     order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
     let mut taken: Vec<usize> = Vec::new();
     for i in order {
-        if taken.len() < MOST && taken.iter().all(|j| i.abs_diff(*j) > apart) {
+        if taken.iter().all(|j| i.abs_diff(*j) > apart) {
             taken.push(i);
         }
     }
-    taken.into_iter().map(|i| motion.time[i]).collect()
+    if 2.0 * SLIDES_S * taken.len() as f64 > MOST_OF_TIME * count as f64 * motion.period {
+        return Vec::new();
+    }
+    taken.sort_unstable();
+    // The size stands level while the jump lies within the gap: the middle of it is the instant.
+    let reach = ((APART_S + SIDE_S) / motion.period) as usize;
+    let slip = |i: usize| {
+        let near = i.saturating_sub(reach)..(i + reach + 1).min(count);
+        let total: f64 = sizes[near.clone()].iter().sum();
+        Slip {
+            at: near.map(|k| sizes[k] / total * motion.time[k]).sum(),
+            across: ways[i],
+        }
+    };
+    taken.into_iter().map(slip).collect()
 }
 
 /// Mean behind each sample less mean before it; zero near the ends of a run.
@@ -138,12 +143,13 @@ mod tests {
         };
         let found = |across| {
             let motion = Motion::prepare(&samples(across), &MotionSettings::default()).unwrap();
-            jumps(&motion)
+            motion.slips
         };
         assert!(found(time.iter().map(wander).collect()).is_empty());
         let jumped = |t: &f64| wander(t) + if *t > 11.0 { 0.006 } else { 0.0 };
         let at = found(time.iter().map(jumped).collect());
         assert_eq!(at.len(), 1, "{at:?}");
-        assert!((at[0] - 11.0).abs() < 0.15, "{at:?}");
+        assert!((at[0].at - 11.0).abs() < 0.03, "{at:?}");
+        assert!((at[0].across - 0.006).abs() < 0.001, "{at:?}");
     }
 }

@@ -163,7 +163,8 @@ fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize
     let all_used = found.used.iter().all(|used| *used);
     for (shape, value) in found.kind.shape.iter().zip(&found.shape) {
         // A relief that no term asks for, an instant at which nothing happens.
-        if !all_used && (shape.2 == Search::Below || shape.1 == Unit::Time && *value < 0.0) {
+        let relief = !all_used && shape.2 == Search::Below;
+        if relief || shape.1 == Unit::Time && *value < 0.0 {
             continue;
         }
         out.push(Term {
