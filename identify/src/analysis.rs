@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, Refused, add_stiction, confirm, diagnose_without,
-    evidence, slopes_of,
+    Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, confirm,
+    diagnose_without, evidence, slopes_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
 };
+use crate::effect::slip::SLIP;
 use crate::effect::{Effect, RigidBody};
 use crate::lag::Lag;
 use crate::least_squares::rms;
@@ -183,12 +184,10 @@ fn confirmed_diagnosis(
         let known = diagnosis.refused.len();
         let mut confirmed = confirm(&mut diagnosis, others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
-        // Of several dampers one may be too many.
+        // Of several dampers one may be too many; where the tool slid is in no model, confirmed or not.
         refused.retain(|refused| {
-            diagnosis
-                .effects
-                .iter()
-                .all(|e| e.found.kind.name != refused.name)
+            let there = |e: &NamedEffect| e.found.kind.name == refused.name;
+            refused.name != SLIP.name && !diagnosis.effects.iter().any(there)
         });
         if refused.is_empty() || barred.len() >= MOST_BARRED {
             diagnosis.refused.extend(earlier);

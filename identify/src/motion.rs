@@ -230,13 +230,14 @@ impl Motion {
             filter,
         };
         let total = gate::apply(&mut motion, cutoff);
-        if motion.kept.len() < MIN_KEPT {
-            return Err(MotionError::AllGated {
-                kept: motion.kept.len(),
-                total,
-            });
+        if motion.find_slips(work.beside)? {
+            // How slow is stuck depends on the noise.
+            (motion.kept, motion.gated) = Default::default();
+            gate::apply(&mut motion, cutoff);
+            if !samples.aside.slips_left_in {
+                motion.leave_out_slips();
+            }
         }
-        motion.find_slips(work.beside, !samples.aside.slips_left_in)?;
         if motion.kept.len() < MIN_KEPT {
             return Err(MotionError::AllGated {
                 kept: motion.kept.len(),
@@ -246,8 +247,8 @@ impl Motion {
         Ok(motion)
     }
 
-    /// Frees the position's noise of the path and of what the tool slid by, and leaves the instants at which it slid out of fits.
-    fn find_slips(&mut self, beside: Vec<Vec<f64>>, leave_out: bool) -> Result<(), MotionError> {
+    /// Frees the position's noise of the path and of what the tool slid by; whether it slid.
+    fn find_slips(&mut self, beside: Vec<Vec<f64>>) -> Result<bool, MotionError> {
         let measured = self.noise_of_q.clone();
         self.free_noise_of_path(measured.clone())?;
         let beside = beside.into_iter().map(|one| noise::less_path(self, one));
@@ -258,21 +259,23 @@ impl Motion {
             jumps(self, &beside)
         };
         if self.slips.is_empty() {
-            return Ok(());
+            return Ok(false);
         }
         let level = |series: &Vec<f64>| noise::level(self, series);
         let level = measured.iter().map(level).collect();
         self.free_noise_of_path(level)?;
-        if leave_out {
-            for (slides, t) in self.slides.iter_mut().zip(&self.time) {
-                *slides &= !slip::slides(&self.slips, *t);
-            }
-            let before = self.kept.len();
-            self.kept
-                .retain(|i| !slip::slides(&self.slips, self.time[*i]));
-            self.gated.insert("slip", before - self.kept.len());
+        Ok(true)
+    }
+
+    /// Leaves the instants at which the tool slid on the handle out of fits.
+    fn leave_out_slips(&mut self) {
+        for (slides, t) in self.slides.iter_mut().zip(&self.time) {
+            *slides &= !slip::slides(&self.slips, *t);
         }
-        Ok(())
+        let before = self.kept.len();
+        self.kept
+            .retain(|i| !slip::slides(&self.slips, self.time[*i]));
+        self.gated.insert("slip", before - self.kept.len());
     }
 
     fn free_noise_of_path(&mut self, series: Vec<Vec<f64>>) -> Result<(), MotionError> {

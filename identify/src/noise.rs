@@ -11,6 +11,7 @@
 
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
+use crate::effect::slip;
 use crate::filter::{LowPass, first_derivative, second_derivative};
 use crate::least_squares::rms;
 use crate::mechanism::{Mechanism as _, SplineMechanism};
@@ -133,7 +134,7 @@ pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, Motio
         std::collections::BTreeMap::new();
     for (&i, value) in motion.kept.iter().zip(values) {
         let at = motion.time[i];
-        let slid = |slip: &Slip| (at - slip.at).abs() < SLIDES_S;
+        let slid = |slip: &Slip| (at - slip.at).abs() < NO_NOISE_S;
         if !motion.slips.iter().any(slid) {
             let stretch = stretches.entry((at / STRETCH_S) as i64).or_default();
             *stretch = (stretch.0 + value * value, stretch.1 + 1);
@@ -161,8 +162,8 @@ pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, Motio
 const STRETCH_S: f64 = 1.0;
 const UNUSUAL: f64 = 12.0;
 
-/// Time about a slip within which the pose across the path is no noise, s.
-const SLIDES_S: f64 = 0.4;
+/// Time about a slip within which the pose across the path is no noise, as far as the filters carry what it slid by, s.
+const NO_NOISE_S: f64 = 0.4;
 
 /// A hinge's effort is a force times a lever, and the lever is read off the same positions.
 fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
@@ -181,7 +182,8 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     Ok(squares.sqrt())
 }
 
-/// A series less its mean between the instants at which the pads slid on the handle: what they slid by is no noise.
+/// A series less its mean between the instants at which the tool slid on the handle, and straight across them: what it slid by is
+/// no noise.
 pub(crate) fn level(motion: &Motion, series: &[f64]) -> Vec<f64> {
     let slips = &motion.slips;
     let stretch = |i: usize| slips.iter().filter(|s| s.at < motion.time[i]).count();
@@ -192,7 +194,24 @@ pub(crate) fn level(motion: &Motion, series: &[f64]) -> Vec<f64> {
     }
     let mean = |i: usize| sums[stretch(i)].0 / sums[stretch(i)].1.max(1) as f64;
     let numbered = series.iter().enumerate();
-    numbered.map(|(i, value)| value - mean(i)).collect()
+    let mut out: Vec<f64> = numbered.map(|(i, value)| value - mean(i)).collect();
+    let slides = |i: &usize| slip::slides(slips, motion.time[*i]);
+    for run in &motion.runs {
+        let mut rest = run.clone().peekable();
+        while let Some(from) = rest.find(slides) {
+            while rest.next_if(slides).is_some() {}
+            let to = rest.peek().copied().unwrap_or(run.end);
+            let outside = |i: usize| run.contains(&i).then(|| out[i]);
+            let [before, after] = [outside(from.wrapping_sub(1)), outside(to)];
+            let before = before.or(after).unwrap_or(0.0);
+            let after = after.unwrap_or(before);
+            for i in from..to {
+                let share = (i + 1 - from) as f64 / (to + 1 - from) as f64;
+                out[i] = before + share * (after - before);
+            }
+        }
+    }
+    out
 }
 
 /// The position sensor's noise without what is a smooth function of the coordinate: the path of the tool is no perfect circle

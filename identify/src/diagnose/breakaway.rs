@@ -6,6 +6,7 @@ use super::model::Found;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::DynamicsError;
 use crate::effect::library::kind;
+use crate::effect::slip;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::{JointSamples, extrema, quantile};
 
@@ -63,7 +64,8 @@ impl Breakaway {
                 }
                 let rested = core::mem::take(&mut rests);
                 let way = motion.q[i + samples(AFTER_S)] - motion.q[i];
-                let inside = (from..to).contains(&motion.q[i]);
+                let slips = slip::slides(&motion.slips, motion.time[i]);
+                let inside = (from..to).contains(&motion.q[i]) && !slips;
                 if rested < samples(RESTS_S) || !inside || way.abs() < LEFT * (high - low) {
                     continue;
                 }
@@ -274,7 +276,9 @@ const MOST_LEFT: f64 = 1.3;
 /// Errors on held-out strokes of a model that takes rest for sliding, and of one that lets friction take up what the hand gives.
 fn errors(motion: &Motion, found: &[Found]) -> Result<[f64; 2], DynamicsError> {
     let mut sliding = motion.clone();
-    sliding.slides.fill(true);
+    for (slides, t) in sliding.slides.iter_mut().zip(&motion.time) {
+        *slides = !slip::slides(&motion.slips, *t);
+    }
     Ok([
         fit_found(&sliding, found)?.held_out_rms,
         fit_found(motion, found)?.held_out_rms,

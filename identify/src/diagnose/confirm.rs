@@ -59,7 +59,8 @@ pub fn confirm(
         let ground = Ground::of(Motion::prepare(samples, settings)?)?;
         grounds.push((file, samples, ground));
     }
-    let lags = confirm_lag(diagnosis, &mut grounds, settings)?;
+    let mut shifts = vec![0.0; others.len()];
+    let lags = confirm_lag(diagnosis, &mut grounds, &mut shifts, settings)?;
     let mut shares = Vec::new();
     for (_, _, ground) in &mut grounds {
         shares.push(leave_probed(ground, &diagnosis.motion)?);
@@ -77,7 +78,7 @@ pub fn confirm(
             diagnosis.refused.push(Refused {
                 name: gone.found.kind.name,
                 reason: format!(
-                    "not confirmed: the tool did not slide in {file}; the instants at which it did here are left out of the fits all the same"
+                    "not confirmed: the tool is not seen to slide in {file}; the instants at which it did here are left out of the fits all the same"
                 ),
                 held_out_rms: gone.held_out_rms,
             });
@@ -129,7 +130,12 @@ pub fn confirm(
                 continue;
             }
             if diagnosis.effects[count].found.taken_out() {
-                let mut left_in = left_in(&diagnosis.effects[count].found, samples, settings)?;
+                let mut left_in = left_in(
+                    &diagnosis.effects[count].found,
+                    samples,
+                    shifts[number],
+                    settings,
+                )?;
                 leave_probed(&mut left_in, &diagnosis.motion)?;
                 pairs.push([
                     error_on(diagnosis, &all, &left_in, datum)?.0,
@@ -180,10 +186,11 @@ const BEYOND: f64 = 0.05;
 /// Less than this share of a recording cannot stand for it.
 const LEAST_PROBED: f64 = 0.5;
 
-/// The recording with what effect `taken_out` stands for left in.
+/// The recording with what effect `taken_out` stands for left in, and its effort read `lag_s` later.
 fn left_in(
     taken_out: &Found,
     samples: &JointSamples,
+    lag_s: f64,
     settings: &MotionSettings,
 ) -> Result<Ground, DynamicsError> {
     let samples = if taken_out.kind.name == SLIP.name {
@@ -191,15 +198,17 @@ fn left_in(
     } else {
         samples.with_change_left_in()
     };
+    let samples = samples.with_effort_earlier(lag_s);
     Ok(Ground::of(Motion::prepare(&samples, settings)?)?)
 }
 
 type Others<'a> = Vec<(&'a String, &'a JointSamples, Ground)>;
 
-/// Fits the lag of each confirming recording, shifts it, and asks whether that helps.
+/// Fits the lag of each confirming recording, shifts it, and asks whether that helps; `shifts` become the lags.
 fn confirm_lag(
     diagnosis: &mut Diagnosis,
     grounds: &mut Others<'_>,
+    shifts: &mut [f64],
     settings: &MotionSettings,
 ) -> Result<Vec<[f64; 2]>, DynamicsError> {
     let (Some(lag), Some(time_lag)) = (diagnosis.lag_s, kind("time_lag")) else {
@@ -207,7 +216,7 @@ fn confirm_lag(
     };
     let mut pairs = Vec::new();
     let mut failed = None;
-    for (file, samples, ground) in grounds.iter_mut() {
+    for ((file, samples, ground), shift) in grounds.iter_mut().zip(&mut *shifts) {
         let found = objects(diagnosis);
         let mut there = 0.0;
         let before = fit_found(&ground.motion, &found)?.held_out_rms;
@@ -230,6 +239,7 @@ fn confirm_lag(
             }
         }
         pairs.push([before, after]);
+        *shift = there;
         // Another recording may have another lag, but not none.
         if after >= before || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
             failed = Some((
@@ -255,6 +265,7 @@ fn confirm_lag(
             });
         }
         diagnosis.lag_s = None;
+        shifts.fill(0.0);
         diagnosis.samples = diagnosis.samples.with_effort_earlier(-lag);
         diagnosis.motion = Motion::prepare(&diagnosis.samples, settings)?;
         for (_, samples, ground) in grounds.iter_mut() {

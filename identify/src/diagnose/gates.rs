@@ -217,7 +217,8 @@ impl State {
         let effort = rms(&self.ground.motion.tau);
         match found.shape.as_slice() {
             [gap, compliance] => gap + compliance * effort,
-            shape => shape.iter().sum::<f64>() * effort,
+            [compliance] => compliance * effort,
+            _ => 0.0,
         }
     }
 }

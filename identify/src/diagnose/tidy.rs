@@ -7,7 +7,7 @@ use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
 use super::shapes::polished;
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Search, kind};
+use crate::effect::library::{Kind, Search, kind};
 use crate::effect::measurement::GRASP_COMPLIANCE;
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
@@ -166,11 +166,15 @@ impl State {
 
     /// Puts play in the place of a grasp that gives when that errs less, and takes it away when it does not.
     fn play(&mut self) -> Result<(), DynamicsError> {
+        let barred = |kind: &Kind| {
+            let mut bank = self.bank.iter();
+            self.given_up.contains(&kind.name) || bank.all(|c| c.kind.name != kind.name)
+        };
         let there = |name: &str| self.effects.iter().position(|(f, _)| f.kind.name == name);
         let own = |kind, shape| self.ground.found(kind, shape, vec![true]);
         let effort = rms(&self.ground.motion.tau);
         let (i, others) = match (there(GRASP_COMPLIANCE.name), there(BACKLASH.name)) {
-            (Some(i), None) => {
+            (Some(i), None) if !barred(&BACKLASH) => {
                 let compliance = self.effects[i].0.shape[0];
                 let played = PLAYS.map(|[gap, rest]| {
                     own(
@@ -180,7 +184,7 @@ impl State {
                 });
                 (i, played.to_vec())
             }
-            (None, Some(i)) => {
+            (None, Some(i)) if !barred(&GRASP_COMPLIANCE) => {
                 let &[gap, compliance] = self.effects[i].0.shape.as_slice() else {
                     return Ok(());
                 };
@@ -202,8 +206,12 @@ impl State {
             let as_was = self.effects.clone();
             self.effects[i].0 = other;
             self.polish()?;
+            let x = self.without(i)?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let holds = self.outcome(&problem, &self.effects[i].0).is_some();
             let error = self.error()?;
-            if error < least {
+            if holds && error < least {
                 least = error;
             } else {
                 self.effects = as_was;

@@ -62,7 +62,7 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 
 /// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
 /// changes its sign, not when the motion turns. One regressor, the difference that the play makes with the inertia and
-/// friction found so far; its term should be near 1.
+/// friction found so far; its term should be near 1. The pads behind the play give by `compliance` times the effort.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,

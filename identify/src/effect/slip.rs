@@ -12,12 +12,15 @@ const SIDE_S: f64 = 0.06;
 /// A jump is so many times what the path usually does in that time, and this share of the range.
 const LEAST: f64 = 6.5;
 const LEAST_WAY: f64 = 0.002;
-/// Two jumps are so far apart, s.
-const BETWEEN_S: f64 = 0.3;
+/// Two jumps are so far apart, s: gap and side reach as far as that where a slip lasts as long as slips do.
+const BETWEEN_S: f64 = 0.22;
 /// How long before and after an instant the tool is taken to slide, s.
 const SLIDES_S: f64 = 0.15;
-/// What jumps for more than this share of the time is no hand that slips.
-const MOST_OF_TIME: f64 = 0.15;
+/// Jumps of which more than half lie so near a turn, s, and that come back to within this share of the way that they went together
+/// are how the grasp gives, and no slips; so many it takes to tell.
+const TURNS_S: f64 = 0.25;
+const BACK: f64 = 0.3;
+const SOME: usize = 4;
 /// The time of an instant that is not there.
 const NONE: f64 = -1.0;
 
@@ -40,7 +43,7 @@ pub const SLIP: Kind = Kind {
     grid: |_| Vec::new(),
     series: |_, _| Vec::new(),
     at: None,
-    separate: "a mark on the handle beside the pads, or a firmer grasp",
+    separate: "a mark on the handle beside the pads, or a firmer grasp; a tracker that found its place anew looks the same",
 };
 
 /// How many, how far across the path the farthest went, and when the first ones were.
@@ -60,21 +63,26 @@ pub(crate) fn slides(slips: &[Slip], t: f64) -> bool {
 /// The jumps of the pose across the path, `beside` it, in the order of their time.
 pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
     let count = motion.time.len();
+    let (low, high) = extrema(&motion.q);
     let mut ways = vec![0.0; count];
     let mut sizes = vec![0.0; count];
-    for series in beside {
-        let steps = differences(motion, series);
-        let usual: Vec<f64> = steps.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
+    let steps: Vec<Vec<f64>> = beside
+        .iter()
+        .map(|series| differences(motion, series))
+        .collect();
+    for steps in &steps {
+        let moves = |i: &usize| motion.dq[*i].abs() > motion.slow_speed && steps[*i] != 0.0;
+        let usual: Vec<f64> = (0..count).filter(moves).map(|i| steps[i].abs()).collect();
         let usual = quantile(&usual, 0.5).max(1e-12) / 0.6745;
-        for ((way, size), step) in ways.iter_mut().zip(&mut sizes).zip(&steps) {
-            *way = f64::hypot(*way, *step);
-            *size = f64::hypot(*size, step / usual);
+        for ((way, size), step) in ways.iter_mut().zip(&mut sizes).zip(steps) {
+            if step.abs() > LEAST_WAY * (high - low) {
+                *way = f64::hypot(*way, *step);
+                *size = f64::hypot(*size, step / usual);
+            }
         }
     }
-    let (low, high) = extrema(&motion.q);
-    let jumps = |i: &usize| sizes[*i] > LEAST && ways[*i] > LEAST_WAY * (high - low);
     let apart = (BETWEEN_S / motion.period) as usize;
-    let mut order: Vec<usize> = (0..count).filter(jumps).collect();
+    let mut order: Vec<usize> = (0..count).filter(|i| sizes[*i] > LEAST).collect();
     order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
     let mut taken: Vec<usize> = Vec::new();
     for i in order {
@@ -82,7 +90,17 @@ pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
             taken.push(i);
         }
     }
-    if 2.0 * SLIDES_S * taken.len() as f64 > MOST_OF_TIME * count as f64 * motion.period {
+    let near = (TURNS_S / motion.period) as usize;
+    let turns = |i: &&usize| {
+        let around = i.saturating_sub(near)..(**i + near).min(count);
+        let turning = &motion.turning[around];
+        turning.windows(2).any(|pair| pair[0] * pair[1] <= 0.0)
+    };
+    let went: f64 = taken.iter().map(|i| ways[*i]).sum();
+    let sum = |steps: &Vec<f64>| taken.iter().map(|i| steps[*i]).sum::<f64>();
+    let came = steps.iter().map(sum).fold(0.0, f64::hypot);
+    let at_turns = 2 * taken.iter().filter(turns).count() > taken.len();
+    if taken.len() >= SOME && at_turns && came < BACK * went {
         return Vec::new();
     }
     taken.sort_unstable();
@@ -126,6 +144,29 @@ mod tests {
     use crate::motion::MotionSettings;
     use crate::samples::JointSamples;
     use crate::screw::JointKind;
+
+    #[test]
+    fn a_grasp_that_shifts_at_every_turn_does_not_slip() {
+        let time: Vec<f64> = (0..12_000).map(|i| 0.005 * f64::from(i)).collect();
+        for stroke_s in [1.2, 2.0, 4.0] {
+            let turning = |t: f64| (core::f64::consts::PI * t / stroke_s).sin();
+            let across =
+                |t: &f64| 0.0005 * (turning(*t) / 0.05).tanh() + 0.00006 * (911.0 * t).sin();
+            let q = |t: &f64| 0.2 - 0.2 * (core::f64::consts::PI * t / stroke_s).cos();
+            let samples = JointSamples {
+                kind: JointKind::Prismatic,
+                period: 0.005,
+                runs: vec![0..12_000],
+                q: time.iter().map(q).collect(),
+                tau: time.iter().map(|t| turning(*t)).collect(),
+                noise_of_q: vec![time.iter().map(across).collect()],
+                aside: crate::samples::Aside::default(),
+                time: time.clone(),
+            };
+            let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+            assert_eq!(motion.slips, [], "{stroke_s}");
+        }
+    }
 
     #[test]
     fn jumps_of_the_pose_across_the_path_are_found_and_its_wander_is_not() {

@@ -14,6 +14,8 @@ use stop::Stop;
 /// | `slow` | within half a filter length of a stretch of 30 ms or more below the threshold speed: stuck, or about to be; a quick reversal, as in shaking, stays |
 /// | `limit` | within half a filter length of the outermost 1 % of the range; where the joint is thrown against its stop, from where the weakest blow turns it; where it is pushed into a soft stop, from where the stop begins to give; and for as long as the filter rings of what the stop carries |
 /// | `acceleration` | beyond three times what 99 % of the samples reach: a tracker that jumped |
+///
+/// The gate `slip`, about each instant at which the tool slid on the handle, is [`Motion::prepare`]'s.
 pub(super) fn apply(motion: &mut Motion, cutoff_hz: f64) -> usize {
     let step = ((1.0 / (4.0 * cutoff_hz)) / motion.period).round().max(1.0) as usize;
     let border = (1.5 / cutoff_hz / motion.period).ceil() as usize;

@@ -42,12 +42,13 @@ pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
         return wrong("axis_direction is no unit vector");
     }
     for effect in &twin.effects {
-        if kind(&effect.name).is_none() {
+        let Some(kind) = kind(&effect.name) else {
             return Err(TwinError::Effect {
                 name: effect.name.clone(),
             });
-        }
-        if form(&effect.name, effect.shape.len()).is_none() {
+        };
+        // What is no function of the state is not evaluated, whatever its shape was when the file was written.
+        if kind.at.is_some() && form(&effect.name, effect.shape.len()).is_none() {
             return wrong("an effect has not as many shape parameters as its kind");
         }
     }

@@ -218,9 +218,13 @@ fn an_effect_of_several_forms_is_the_one_of_as_many_shapes() {
     let length = length(cos).sqrt();
     let wanted = 2300.0 * (length - 0.14) * (0.25 * 0.06 * sin / length);
     assert!((strut - wanted).abs() < 1e-9, "{strut} {wanted}");
-    let odd = bare.with_effects(vec![spring(
+    let odd = bare.clone().with_effects(vec![spring(
         [("stiffness", 5.0), ("preload", 1.0)],
         &[("angle", 0.0)],
     )]);
     assert!(Twin::from_json(&odd.to_json().unwrap()).is_err());
+    // As files had it before the pads behind a play gave way.
+    let mut play = spring([("share", 1.0), ("", 0.0)], &[("gap", 0.002)]);
+    (play.name, play.memoryless) = ("backlash".to_owned(), false);
+    assert!(Twin::from_json(&bare.with_effects(vec![play]).to_json().unwrap()).is_ok());
 }
