@@ -8,15 +8,13 @@ use super::Stamped;
 
 /// Where the values of a stream begin to differ from the one before: a staircase is true where it steps. The very first counts
 /// when the second differs; else nothing says how long it had stood already.
-pub fn steps<T>(
-    samples: &[T],
-    is_same: impl Fn(&T, &T) -> bool,
-) -> impl Iterator<Item = usize> {
+pub fn steps<T>(samples: &[T], is_same: impl Fn(&T, &T) -> bool) -> impl Iterator<Item = usize> {
     let first_differs = matches!(samples, [first, second, ..] if !is_same(first, second));
     let later = samples.windows(2).enumerate();
-    first_differs.then_some(0).into_iter().chain(
-        later.filter_map(move |(i, pair)| (!is_same(&pair[0], &pair[1])).then_some(i + 1)),
-    )
+    first_differs
+        .then_some(0)
+        .into_iter()
+        .chain(later.filter_map(move |(i, pair)| (!is_same(&pair[0], &pair[1])).then_some(i + 1)))
 }
 
 /// A value that stays for longer than this many periods stands still itself.
@@ -88,7 +86,10 @@ mod tests {
     }
 
     fn stamps_ms(samples: &[Stamped<i32>]) -> Vec<i64> {
-        samples.iter().map(|s| s.at.as_nanos() / 1_000_000).collect()
+        samples
+            .iter()
+            .map(|s| s.at.as_nanos() / 1_000_000)
+            .collect()
     }
 
     #[test]
@@ -120,7 +121,10 @@ mod tests {
         let widest = found.windows(2).map(|pair| pair[1] - pair[0]).max();
         assert!(widest <= Some(20), "{found:?}");
         // In the last period before it moves on it may have moved already.
-        assert!(!found.iter().any(|ms| (991..1_000).contains(ms)), "{found:?}");
+        assert!(
+            !found.iter().any(|ms| (991..1_000).contains(ms)),
+            "{found:?}"
+        );
         assert!((90..=150).contains(&found.len()), "{found:?}");
     }
 }
