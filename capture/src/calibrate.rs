@@ -1,6 +1,7 @@
 //! The tool's mass, centre of mass and inertia, the sensor's bias, and the time between pose and wrench, from a recording
 //! of the tool in free air.
 
+use ft_recording::recording::fresh;
 use ft_recording::{Calibration, Estimate, Recording, Stamped};
 use ft_wire::HostTime;
 use serde::Serialize;
@@ -82,6 +83,8 @@ pub struct Calibrated {
     pub before_rms: [f64; 2],
     /// Free air used, s.
     pub free_air_s: f64,
+    /// Wrenches and poses of the recording that only repeat the one before under a new stamp: left out.
+    pub repeats: [u64; 2],
     /// Whether the inertia had to be moved to one that a body can have.
     pub inertia_made_possible: bool,
     /// For the plot.
@@ -248,8 +251,11 @@ pub fn calibrate(
     let fit = problem
         .fit(start, &extras)
         .ok_or(CalibrateError::Singular)?;
-    let (calibration, inertia_made_possible) = body(&fit)?;
     let explained = fit.explained(&problem);
+    if fit.is_reversed() && explained >= align::MIN_EXPLAINED {
+        return Err(CalibrateError::Reversed { explained });
+    }
+    let (calibration, inertia_made_possible) = body(&fit)?;
     if alignment.is_none() && explained < align::MIN_EXPLAINED {
         return Err(CalibrateError::Unrelated { explained });
     }
@@ -275,9 +281,14 @@ pub fn calibrate(
         residual_rms: fit.rms,
         before_rms: spread(&series),
         free_air_s: fit.residuals.len() as f64 * fit::ROW_STEP_S,
+        repeats: [repeats(&recording.wrench), repeats(&recording.pose.samples)],
         inertia_made_possible,
         series,
     })
+}
+
+fn repeats<T: Clone + PartialEq>(samples: &[Stamped<T>]) -> u64 {
+    (samples.len() - fresh(samples).len()) as u64
 }
 
 /// First wrench's stamp.

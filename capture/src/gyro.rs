@@ -8,6 +8,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 use ft_recording::message::{Imu, Message};
+use ft_recording::recording::fresh;
 use ft_recording::{Pose7, Recording, Stamped, topic};
 use ft_wire::HostTime;
 use serde::Serialize;
@@ -113,6 +114,7 @@ pub(crate) const NOT_SEEN: &str = "the gyroscope and the poses do not show the s
 /// little, or do not belong to each other.
 #[must_use]
 pub fn check(poses: &[Stamped<Pose7>], gyro: &[Stamped<[f64; 3]>]) -> Option<GyroCheck> {
+    let poses = &fresh(poses)[..];
     let (first, last) = (poses.first()?.at.as_nanos(), poses.last()?.at.as_nanos());
     let sums = sums(gyro);
     let every = (last.saturating_sub(first) / STEP_NS / MAX_ROWS as i64).max(0) + 1;

@@ -11,6 +11,7 @@ pub mod archive;
 pub mod aria;
 pub mod bag;
 pub mod clock_map;
+mod cover;
 mod drift;
 mod free_air;
 pub mod hoi;

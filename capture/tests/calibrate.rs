@@ -116,6 +116,90 @@ fn a_long_free_air_shows_the_skew_too() {
     }
 }
 
+/// The same poses published at 1 kHz by a program that knows nothing of the tracker's stamps: each again and again until the next.
+fn published_again(recording: &mut Recording, late_s: f64) {
+    let samples = &recording.pose.samples;
+    let (first, last) = (samples[0].at, samples[samples.len() - 1].at);
+    let mut from = 0;
+    let every_ms = (0..)
+        .map(|k| first.offset_by_seconds(late_s + 1e-3 * f64::from(k)))
+        .take_while(|at| *at < last);
+    let again = every_ms.map(|at| {
+        while samples[from + 1].at <= at {
+            from += 1;
+        }
+        let value = samples[from].value;
+        Stamped { at, value }
+    });
+    recording.pose.samples = again.collect();
+}
+
+#[test]
+fn poses_that_are_repeated_under_new_stamps_do_not_move_the_offset() {
+    let (mut errors_ms, mut inside) = (Vec::new(), 0);
+    for seed in shifted(26_500..26_520) {
+        let setup = Setup {
+            pose_hz: 100.0,
+            ..Setup::random(seed, Motion::SHAKE)
+        };
+        let mut recording = setup.record();
+        published_again(&mut recording, 0.0);
+        let found = calibrate(&recording, &CalibrateOptions::default()).unwrap();
+        let [wrenches, poses] = found.repeats;
+        let share = poses as f64 / recording.pose.samples.len() as f64;
+        assert!(wrenches == 0 && (share - 0.9).abs() < 0.01, "{share}");
+        let said = format!("{poses} poses only repeat the one before");
+        assert!(found.to_string().contains(&said), "{found}");
+        let alignment = found.alignment.unwrap();
+        let [low, high] = alignment.interval_s;
+        errors_ms.push(1e3 * (alignment.offset_s - setup.offset_s));
+        inside += usize::from((low..=high).contains(&setup.offset_s));
+        assert!((found.calibration.payload_mass_kg.value / setup.mass - 1.0).abs() < 0.01);
+    }
+    let sigma_ms = rms(&errors_ms);
+    println!(
+        "simulated, poses of 100 Hz published at 1 kHz: offset error {sigma_ms:.4} ms (1 sigma), {inside} of {} within their intervals",
+        errors_ms.len()
+    );
+    assert!(sigma_ms <= 0.1 && 10 * inside >= 8 * errors_ms.len());
+
+    // A wrench that is held, too. Sensor and publisher are not in step: up to 1 ms of delay is no error of the alignment.
+    let setup = Setup {
+        pose_hz: 100.0,
+        wrench_hz: 250.0,
+        ..Setup::random(26_520, Motion::SHAKE)
+    };
+    let mut recording = setup.record();
+    published_again(&mut recording, 3e-4);
+    let wrench = recording.wrench.iter().flat_map(|sample| {
+        (0..4).map(|k| Stamped {
+            at: sample.at.offset_by_seconds(1e-3 * f64::from(k)),
+            value: sample.value,
+        })
+    });
+    recording.wrench = wrench.collect();
+    let found = align_recording(&recording, 0.0, &CalibrateOptions::default()).unwrap();
+    let late_ms = 1e3 * (setup.offset_s - found.offset_s);
+    assert!((0.0..1.0).contains(&late_ms), "{late_ms} ms");
+}
+
+#[test]
+fn a_wrench_with_its_signs_reversed_is_told_as_that() {
+    for motion in [Motion::SHAKE, Motion::STILLS] {
+        let setup = Setup {
+            offset_s: 0.0,
+            ..Setup::random(26_600, motion)
+        };
+        let mut recording = setup.record();
+        for sample in &mut recording.wrench {
+            sample.value = sample.value.map(|value| -value);
+        }
+        let error = calibrate(&recording, &CalibrateOptions::default());
+        let text = error.expect_err("refused").to_string();
+        assert!(text.contains("with its signs reversed"), "{text}");
+    }
+}
+
 /// Says why it is refused.
 fn refusal(setup: &Setup) -> String {
     aligned(setup).expect_err("refused").to_string()

@@ -659,6 +659,26 @@ fn recordings_of_one_name_do_not_hide_each_other_and_broken_archives_are_told() 
 }
 
 /// Splitmix64: seeded, for what is changed where.
+#[test]
+fn a_wrench_that_is_cut_in_the_middle_is_data_lost() {
+    let style = Style {
+        seconds: 30,
+        ..PLAIN
+    };
+    let mut files = recording("bath", "2-6", style);
+    let (_, wrench) = files
+        .iter_mut()
+        .find(|(name, _)| name.ends_with("wrench/data.csv"))
+        .unwrap();
+    wrench.truncate(wrench.len() / 2);
+    let folder = tempfile::tempdir().unwrap();
+    lay(&files, folder.path());
+    let (code, text) = capture(&["import-hoi", ".", "-o", "out"], folder.path());
+    assert_eq!(code, Some(3), "{text}");
+    let said = "NO WRENCH beside the poses from 1";
+    assert!(text.contains(said) && text.contains(" to 30.0 s"), "{text}");
+}
+
 fn random(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;

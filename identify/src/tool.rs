@@ -2,7 +2,7 @@
 //!
 //! The grid has the wrench's own median rate. Wrenches are interpolated linearly, rotations by slerp, positions by cubic
 //! Hermite pieces. Where either stream has a hole (over 20 ms and over three of its periods) there is a gap: runs end and
-//! begin there, and nothing is interpolated across.
+//! begin there, and nothing is interpolated across. Poses that only repeat the one before under a new stamp are left out.
 
 mod kinematics;
 mod resample;
@@ -11,6 +11,7 @@ pub use kinematics::ToolKinematics;
 
 use core::ops::Range;
 
+use ft_recording::recording::fresh;
 use ft_recording::{Pose7, Recording, Stamped, TrackedFrame};
 use ft_wire::time::HostTime;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
@@ -48,7 +49,7 @@ pub enum AlignError {
     },
     /// Holes leave too little.
     #[error(
-        "{covered_s:.1} s of {total_s:.1} s have both wrench and pose ({gaps} gaps); the longest piece is {longest_s:.1} s and at least \
+        "{covered_s:.1} s of {total_s:.1} s have both wrench and pose ({gaps} gaps); the longest piece is {longest_s:.3} s and at least \
          {needed_s:.0} s are needed; look at the losses with `ft-capture check`"
     )]
     Gaps {
@@ -113,9 +114,7 @@ impl ToolSamples {
         let every = recording.wrench.len().div_ceil(MOST_SAMPLES);
         let wrench = Stream::averaged(wrenches(), every);
         let poses = thinned(
-            recording
-                .pose
-                .samples
+            fresh(&recording.pose.samples)
                 .iter()
                 .map(|s| (s.at.seconds_since(start), isometry(&s.value)))
                 .collect(),

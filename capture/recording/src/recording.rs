@@ -14,11 +14,13 @@ use crate::calibration::Calibration;
 pub use crate::error::ReadError;
 use crate::reader::RecordReader;
 
+mod fresh;
 mod loader;
 mod pose;
 mod topic_map;
 mod track;
 
+pub use fresh::{fresh, steps};
 use loader::Loader;
 pub use pose::Pose7;
 pub(crate) use pose::{StaticTransforms, frame_name};

@@ -114,6 +114,29 @@ fn one_instant_is_not_fine() {
 }
 
 #[test]
+fn poses_that_come_again_under_new_stamps_are_said_in_the_verdict() {
+    let with_repeats = |every: i64| {
+        let mut before = None;
+        judged(1_000, |sample, _, pose| {
+            if sample % every == every - 1 {
+                pose.pose = before.unwrap();
+            }
+            before = Some(pose.pose);
+        })
+    };
+    let report = with_repeats(10);
+    let said = "/tcp/pose: 100 of 1000 messages only repeat the one before under a new stamp";
+    assert_eq!(
+        (report.verdict, &report.reasons[..]),
+        (Verdict::Fine, &[said.to_owned()][..])
+    );
+    let text = report.to_string();
+    assert!(text.ends_with(&format!("missing, but {said}")), "{text}");
+    // Some may be chance.
+    assert!(with_repeats(200).reasons.is_empty());
+}
+
+#[test]
 fn what_nothing_is_known_of_after_ten_seconds_is_not_said() {
     let clock = "clock of ft_sensor: skew +1.0 ppm, stamps known to 58.9 us";
     let said = |samples| {

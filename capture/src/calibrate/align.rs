@@ -130,7 +130,7 @@ pub(super) fn align(
         }
     }
     if fit.theta[0] <= 0.0 {
-        return Err(CalibrateError::Unrelated { explained });
+        return Err(CalibrateError::Reversed { explained });
     }
     let offset_s = fit.delay.offset_s;
     let reach = NORMAL_95 * std_s;

@@ -58,6 +58,14 @@ pub enum CalibrateError {
         /// Share of the wrench's variance, 0 to 1.
         explained: f64,
     },
+    /// The wrench follows the motion of a tool of a mass below 0.
+    #[error(
+        "the wrench follows the tool's motion to {:.0} %, with its signs reversed: force and torque must be what the environment does to the tool, and          the poses' z must point up; turn the signs of all six round (import-csv does by --negate), or set the poses upright", 100.0 * explained
+    )]
+    Reversed {
+        /// Share of the wrench's variance, 0 to 1.
+        explained: f64,
+    },
     /// The tool was hardly moved.
     #[error(
         "the tool was turned and shaken by {motion:.2} m/s^2 only (need {needed} m/s^2): shake it and turn it about every axis, for 10 s, in free air"

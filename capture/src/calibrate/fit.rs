@@ -79,6 +79,11 @@ impl Fit {
         self.covariance[(k, k)].max(0.0).sqrt()
     }
 
+    /// Whether the tool would surely have a mass below 0.
+    pub(super) fn is_reversed(&self) -> bool {
+        self.theta[0] < -3.0 * self.std(0)
+    }
+
     /// Gravity minus acceleration about its mean in the sensor's axes, m/s^2 rms.
     pub(super) fn motion(&self, problem: &Problem) -> f64 {
         let specific = |t: f64| {

@@ -102,6 +102,7 @@ mod tests {
             residual_rms: [0.0; 2],
             before_rms: [0.0; 2],
             free_air_s: 10.0,
+            repeats: [0; 2],
             inertia_made_possible: false,
             series: Vec::new(),
         };

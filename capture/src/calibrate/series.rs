@@ -13,6 +13,7 @@ use core::ops::Range;
 
 use ft_identify::filter::{FilterError, LowPass};
 use ft_identify::tool::{AlignError, ToolKinematics, ToolSamples};
+use ft_recording::recording::fresh;
 use ft_recording::{Pose7, PoseTrack, Recording, Stamped};
 use ft_wire::HostTime;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -151,7 +152,7 @@ const STRETCH_HOLE_S: f64 = 5.0;
 
 /// The same poses, densely, under a wrench of nothing every [`GRID_NS`], which makes the grid.
 fn with_steady_wrench(recording: &Recording) -> Recording {
-    let samples = &recording.pose.samples;
+    let samples = fresh(&recording.pose.samples);
     let mut wrench = Vec::new();
     // No row where no pose is near: one wild stamp must not ask for years of them.
     let near = |a: &Stamped<Pose7>, b: &Stamped<Pose7>| b.at.seconds_since(a.at) <= STRETCH_HOLE_S;
@@ -168,7 +169,7 @@ fn with_steady_wrench(recording: &Recording) -> Recording {
         wrench,
         pose: PoseTrack {
             frame: recording.pose.frame,
-            samples: dense(samples, GRID_NS),
+            samples: dense(&samples, GRID_NS),
         },
         gripper_width: Vec::new(),
         ..recording.clone()
@@ -214,8 +215,7 @@ const HOLE_S: f64 = 0.020;
 impl WrenchSide {
     /// From the wrench of `recording`, times in s after `start`.
     pub(super) fn of(recording: &Recording, start: HostTime) -> Result<Self, SeriesError> {
-        let samples: Vec<(f64, [f64; 6])> = recording
-            .wrench
+        let samples: Vec<(f64, [f64; 6])> = fresh(&recording.wrench)
             .iter()
             .map(|sample| (sample.at.seconds_since(start), sample.value))
             .collect();

@@ -85,6 +85,14 @@ impl fmt::Display for Calibrated {
             &c.payload_inertia_kgm2,
         );
         writeln!(f, "free air      {:.1} s", self.free_air_s)?;
+        for (count, what) in self.repeats.iter().zip(["wrenches", "poses"]) {
+            if *count > 0 {
+                writeln!(
+                    f,
+                    "repeats       {count} {what} only repeat the one before under a new stamp: left out"
+                )?;
+            }
+        }
         writeln!(f, "mass          {:.4} +-{:.4} kg", mass.value, mass.std)?;
         writeln!(
             f,

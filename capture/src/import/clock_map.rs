@@ -1,5 +1,7 @@
 //! The line between two clocks, from pairs of their readings that may stand still, be missing or be wrong.
 
+use ft_recording::recording::steps;
+
 /// `to = from + offset + skew (from - reference)`, ns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockMap {
@@ -90,15 +92,7 @@ impl ClockMap {
 
 /// The pairs at which the second clock has just stepped.
 fn edges(pairs: &[(i64, i64)]) -> Vec<(i64, i64)> {
-    let steps = |w: &&[(i64, i64)]| w[0].1 != w[1].1;
-    let first = pairs
-        .windows(2)
-        .take(1)
-        .filter(steps)
-        .map(|w| w[0])
-        .collect::<Vec<_>>();
-    let rest = pairs.windows(2).filter(steps).map(|w| w[1]);
-    first.into_iter().chain(rest).collect()
+    steps(pairs, |a, b| a.1 == b.1).map(|i| pairs[i]).collect()
 }
 
 /// Intercept and slope of least squares over what is kept.

@@ -17,6 +17,8 @@ pub(super) enum NoFreeAir {
     Nothing,
 }
 
+/// Clocks that were aligned before are not farther apart, s.
+const SEARCH_S: f64 = 0.5;
 /// A tool of another mass is held by nobody, kg.
 const MASSES_KG: core::ops::Range<f64> = 0.1..3.0;
 
@@ -43,7 +45,7 @@ impl NoFreeAir {
             )),
             Self::Unrelated(share) => Some(format!(
                 "the tool moves, and the wrench follows the poses to only {:.0} % (in free air 90 % or more): where the tool was free, signs, \
-                 units or times of one of them are wrong",
+                 units or times of one of them are wrong (times are put right where they are less than {SEARCH_S} s apart)",
                 100.0 * share
             )),
             Self::Nothing => None,
@@ -59,12 +61,11 @@ pub(super) fn free_air(
 ) -> Result<Calibrated, NoFreeAir> {
     let options = CalibrateOptions {
         free_air: Some((from_s, until_s)),
-        search_s: 0.5,
+        search_s: SEARCH_S,
         find_rotation: false,
     };
     let found = calibrate(recording, &options).map_err(|error| match error {
-        // So much is refused for a mass below 0 alone.
-        CalibrateError::Unrelated { explained } if explained >= 0.9 => NoFreeAir::Turned,
+        CalibrateError::Reversed { .. } => NoFreeAir::Turned,
         CalibrateError::Unrelated { explained } => NoFreeAir::Unrelated(explained),
         _ => NoFreeAir::Nothing,
     })?;

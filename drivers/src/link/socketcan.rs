@@ -1,7 +1,7 @@
 //! CAN interfaces of the kernel.
 
 use std::io;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ft_wire::{CanFrame, HostTime};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -17,6 +17,10 @@ use socketcan::{
 use crate::clock::{Clock, MonotonicClock};
 use crate::link::can_errors::{CanErrors, ErrorWatch};
 use crate::link::{Link, LinkError, RxStamps};
+
+mod stamps;
+
+use stamps::{BothClocks, KernelStamps};
 
 /// Bits of `linux/can.h` and `linux/can/error.h`.
 mod bits {
@@ -43,8 +47,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// An open CAN interface.
 ///
-/// Arrivals are the kernel's software receive stamps, put onto the [`MonotonicClock`] by their age at the read; a step of
-/// the system's clock between stamp and read falsifies that one arrival. Error frames are counted; bus-off ends the link.
+/// Arrivals are the kernel's software receive stamps, put onto the [`MonotonicClock`]. A frame that waits to be read while the
+/// system's clock is stepped by more than 1 ms may get an arrival as late as its read, never an earlier one than its own. Error
+/// frames are counted; bus-off ends the link.
 #[derive(Debug)]
 pub struct SocketCanLink {
     socket: CanSocket,
@@ -54,7 +59,7 @@ pub struct SocketCanLink {
     foreign: u64,
     overflow_told: bool,
     look_again_at: HostTime,
-    last_arrival: HostTime,
+    stamps: KernelStamps,
 }
 
 impl SocketCanLink {
@@ -111,7 +116,7 @@ impl SocketCanLink {
             foreign: 0,
             overflow_told: false,
             look_again_at: HostTime::EPOCH,
-            last_arrival: HostTime::EPOCH,
+            stamps: KernelStamps::new(both_clocks(&clock)),
         })
     }
 
@@ -159,19 +164,6 @@ impl SocketCanLink {
         }
     }
 
-    #[allow(
-        clippy::disallowed_methods,
-        reason = "the kernel's stamps are on the system's clock"
-    )]
-    fn arrival(&mut self, stamp: Option<SystemTime>) -> HostTime {
-        let now = self.clock.now();
-        let age = stamp
-            .and_then(|stamp| SystemTime::now().duration_since(stamp).ok())
-            .unwrap_or_default();
-        self.last_arrival = (now - age).max(self.last_arrival).min(now);
-        self.last_arrival
-    }
-
     /// The data frame, or `None` for what is only counted.
     fn sort(&mut self, frame: KernelFrame) -> Result<Option<CanFrame>, LinkError> {
         match frame {
@@ -186,6 +178,23 @@ impl SocketCanLink {
             }
         }
     }
+}
+
+#[allow(
+    clippy::disallowed_methods,
+    reason = "the kernel's stamps are on the system's clock"
+)]
+fn both_clocks(clock: &MonotonicClock) -> BothClocks {
+    BothClocks {
+        system_ns: since_epoch_ns(SystemTime::now()),
+        host: clock.now(),
+    }
+}
+
+/// ns since the Unix epoch; 0 before it.
+fn since_epoch_ns(at: SystemTime) -> i64 {
+    let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
 fn link_error(interface: &str, call: &'static str, source: io::Error) -> LinkError {
@@ -225,12 +234,14 @@ impl Link for SocketCanLink {
         loop {
             match self.socket.read_frame_with_timestamps() {
                 Ok((frame, stamps)) => {
-                    let arrival = self.arrival(stamps.sw);
+                    let clocks = both_clocks(&self.clock);
+                    let arrival = self.stamps.arrival(stamps.sw.map(since_epoch_ns), clocks);
                     if let Some(frame) = self.sort(frame)? {
                         return Ok(Some((frame, RxStamps { arrival })));
                     }
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.stamps.nothing_waits(both_clocks(&self.clock));
                     if !self.wait(deadline)? && self.clock.now() >= deadline {
                         return Ok(None);
                     }

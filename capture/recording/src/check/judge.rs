@@ -81,6 +81,18 @@ fn usable(topic: &TopicReport) -> u64 {
         .saturating_sub(topic.undecodable + topic.invalid)
 }
 
+/// A smaller share of values that repeat may be chance.
+const MIN_REPEATS: f64 = 0.01;
+
+/// A line on wrenches or poses that come again under a new stamp: they were true at the first.
+fn repeats(name: &str, about: &TopicReport) -> Option<String> {
+    let (count, of) = (about.repeated_values, about.messages);
+    let is_measured = [topic::WRENCH, topic::TCP_POSE, topic::ARIA_POSE].contains(&name);
+    (is_measured && count as f64 > MIN_REPEATS * of as f64).then(|| {
+        format!("{name}: {count} of {of} messages only repeat the one before under a new stamp")
+    })
+}
+
 /// Fills in the verdict and its reasons.
 pub(super) fn judge(report: &mut Report) {
     let has = |name: &str, kind| {
@@ -126,6 +138,7 @@ pub(super) fn judge(report: &mut Report) {
     // Where stamps are arrivals, a busy host makes pauses without a loss: a ledger that lost nothing knows better.
     let holes_tell = report.ledger.is_empty() || !accounted.is_empty();
     for (name, topic) in &report.topics {
+        told.extend(repeats(name, topic));
         let sampled = SAMPLED.contains(&name.as_str());
         let not_finite = match topic.kind.as_str() {
             PoseStamped::TYPE_NAME => {

@@ -135,6 +135,9 @@ const HOI_EXAMPLES: &str = "Examples:
   ft-capture import-hoi extracted/ -o recordings/                     of all locations; those already there are passed over
   ft-identify --batch recordings/ -o results/                         then identify them all
 
+Clocks that are up to 0.5 s apart are put right by the free air before the grasp. Poses without a wrench for 2 s or more, by a file that is
+cut short, are said, with exit code 3.
+
 DIR holds gripper/<name>_gripper_bag and aria_gripper/<name>_gripper_vrs; any folder may be a zip, also gripper/ itself or the location's.
 Recordings of one name in several folders go below these folders' names.";
 
@@ -246,7 +249,7 @@ const CSV_EXAMPLES: &str = "Examples:
 
 Then `ft-capture check baton.mcap` says what the recording is worth. Force and torque in N and N m, environment on tool, in the sensor's
 axes; poses in m, world from tool centre point, z up. Rows without a usable stamp, of another time than the most, or of a stamp twice are
-left out and counted; exit code 3 when these are more than half.";
+left out and counted; exit code 3 when these are more than half, or poses have no wrench for 2 s or more.";
 
 /// What to import.
 #[derive(Debug, Args)]
