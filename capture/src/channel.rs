@@ -26,8 +26,8 @@ pub trait Intake {
 const CLOCK_REPORT_PERIOD: Duration = Duration::from_secs(1);
 
 /// Said when the number of samples turned out to be no clock yet.
-const NO_CLOCK: &str = "samples were lost, or came unevenly, while their period was learned: the stamps of the seconds before this are arrivals, \
-                        which bursts of the line shift by some ms; from here on they are by the number of samples again";
+const NO_CLOCK: &str = "samples were lost without a trace, or came unevenly, and their period was learned wrong: the stamps of the seconds before \
+                        this are as late as the arrivals, or early by up to some tens of ms; from here on they are by the number of samples again";
 
 /// The outlet of one device's pump.
 #[derive(Debug)]
@@ -121,7 +121,7 @@ impl<I: Intake> Channel<I> {
         let counted = self.counted.as_mut();
         let Some((instant, status, mended)) = counted.and_then(|counted| {
             let instant = counted.observe(at.arrival)?;
-            Some((instant, counted.clock().status(), counted.mended()))
+            Some((instant, counted.status(), counted.mended()))
         }) else {
             return at.arrival - self.link_delay;
         };
@@ -200,6 +200,11 @@ impl<I: Intake, F: RawFrame> Outlet<F> for Channel<I> {
                 let at = self.sample_time(&mut reading.at);
                 self.put(reading.at.arrival, at, Body::Pose(reading));
             }
+            Reading::Missing { samples } => {
+                if let Some(counted) = &mut self.counted {
+                    counted.pass(samples);
+                }
+            }
             Reading::Event { at, event } => {
                 self.take_state(&event);
                 self.put(at, at, Body::Event(event));
@@ -226,12 +231,19 @@ mod tests {
     }
 
     /// 20 s at 100 Hz behind an adapter that hands over every 16 ms, without the samples in `lost`: sample times minus the truth from
-    /// 12 s on, the largest in us, and what was warned of.
-    fn seen(lost: core::ops::Range<i64>) -> (f64, Vec<String>) {
+    /// 12 s on, the largest in us, and what was warned of. The driver `knows` of the losses or not.
+    fn seen(lost: core::ops::Range<i64>, knows: bool) -> (f64, Vec<String>) {
         let mut taken = Taken::default();
         let mut channel =
             Channel::new(0, &mut taken, Arc::default(), Duration::ZERO).sampling_evenly(true);
-        for k in (0..2_000_i64).filter(|k| !lost.contains(k)) {
+        for k in 0..2_000_i64 {
+            if lost.contains(&k) {
+                if knows {
+                    let missing = Reading::Missing { samples: 1 };
+                    Outlet::<ft_wire::can::CanFrame>::reading(&mut channel, missing);
+                }
+                continue;
+            }
             let true_ns = 1_700_000_000_000_000_000 + k * 10_000_000;
             let arrival = HostTime::from_nanos((true_ns / 16_000_000 + 1) * 16_000_000);
             let reading = Reading::Wrench(WrenchReading {
@@ -264,15 +276,20 @@ mod tests {
 
     #[test]
     fn losses_while_the_period_is_learned_are_made_good_and_told() {
-        let (whole, silent) = seen(0..0);
+        let (whole, silent) = seen(0..0, false);
         assert!(silent.is_empty(), "{silent:?}");
-        let (worst, warned) = seen(40..43);
+        let (worst, warned) = seen(40..43, false);
         // Arrivals are up to 16 ms late.
         assert!(whole < 2_500.0 && worst < 2_500.0, "{whole} {worst}");
         assert_eq!(warned.len(), 1);
         assert!(
-            warned[0].contains("samples were lost") && warned[0].contains("are arrivals"),
+            warned[0].contains("samples were lost")
+                && warned[0].contains("as late as the arrivals, or early"),
             "{warned:?}"
         );
+        // Those that the driver knows of are no loss of time.
+        let (worst, warned) = seen(40..43, true);
+        assert!(worst < 2_500.0, "{worst}");
+        assert!(warned.is_empty(), "{warned:?}");
     }
 }

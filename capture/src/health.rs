@@ -207,10 +207,14 @@ impl DeviceHealth {
                 None
             }
             DeviceEvent::Identified(identity) => {
-                let line = format!(
-                    "{name}: {} serial {} firmware {}",
-                    identity.model, identity.serial_number, identity.firmware
-                );
+                let told = [
+                    ("", &identity.model),
+                    ("serial ", &identity.serial_number),
+                    ("firmware ", &identity.firmware),
+                ];
+                let told = told.into_iter().filter(|(_, value)| !value.is_empty());
+                let told: Vec<_> = told.map(|(key, value)| format!("{key}{value}")).collect();
+                let line = format!("{name}: {}", told.join(" "));
                 self.identity = Some(identity.clone());
                 Some(line)
             }

@@ -183,8 +183,10 @@ pub fn with_driver<U: DriverUser>(
 pub fn in_effect(device: &Device) -> Result<toml::Table, SessionError> {
     match device.driver {
         Driver::BotaSerial => complete::<BotaSettings>(device),
-        Driver::RobotousCan | Driver::RobotousUart => complete::<RobotousSettings>(device),
-        Driver::OptoforceSerial | Driver::OptoforceCan => complete::<optoforce::Settings>(device),
+        Driver::RobotousUart => complete::<RobotousSettings>(device),
+        Driver::RobotousCan => complete::<RobotousSettings>(device).map(without_line),
+        Driver::OptoforceSerial => complete::<optoforce::Settings>(device),
+        Driver::OptoforceCan => complete::<optoforce::Settings>(device).map(without_line),
         Driver::KunweiKwr75 => complete::<sensors::Kunwei>(device),
         Driver::Leptrino => complete::<sensors::Leptrino>(device),
         Driver::AtiNetcanoem => complete::<sensors::Ati>(device),
@@ -194,6 +196,12 @@ pub fn in_effect(device: &Device) -> Result<toml::Table, SessionError> {
         Driver::HidAxis => complete::<encoders::HidAxis>(device),
         Driver::PoseStream => complete::<PoseSettings>(device),
     }
+}
+
+/// A sensor on CAN has no serial line.
+fn without_line(mut settings: toml::Table) -> toml::Table {
+    settings.remove("baud_bps");
+    settings
 }
 
 fn complete<T: DeserializeOwned + Serialize>(device: &Device) -> Result<toml::Table, SessionError> {
@@ -228,9 +236,6 @@ fn wrong(device: &Device, what: String) -> SessionError {
         what,
     }
 }
-
-/// The rate at which a Bota samples its gauges, before its filter.
-const GAUGE_RATE_HZ: f64 = 51_200.0;
 
 /// Settings of `bota_serial`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -276,7 +281,7 @@ impl BotaSettings {
             clippy::cast_sign_loss,
             reason = "51 to 4096 by the check above"
         )]
-        let sinc_length = (GAUGE_RATE_HZ / self.rate_hz).round() as u16;
+        let sinc_length = (bota_serial::GAUGE_RATE_HZ / self.rate_hz).round() as u16;
         Ok(bota_serial::Config {
             baud,
             filter: ft_wire::bota_serial::Filter {
@@ -491,6 +496,8 @@ pub(crate) mod tests {
         ] {
             assert!(text.contains(line), "{line}: {text}");
         }
+        // A serial line's.
+        assert!(!text.contains("baud_bps"), "{text}");
     }
 
     #[test]

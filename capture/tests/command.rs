@@ -68,6 +68,19 @@ fn the_commands_that_keys_prints_are_those_of_the_port_that_was_asked_for() {
 }
 
 #[test]
+fn init_writes_no_file_where_nothing_is_plugged_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("capture.toml");
+    let listed = String::from_utf8(capture(&["devices"]).stdout).unwrap();
+    let absent = listed.starts_with("no serial port");
+    let output = capture(&["init", "-o", file.to_str().unwrap()]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(i32::from(absent)), "{told}");
+    assert_eq!(file.exists(), !absent);
+    assert_eq!(told.contains("nothing is plugged in"), absent, "{told}");
+}
+
+#[test]
 fn devices_are_listed_or_said_to_be_absent() {
     let output = capture(&["devices"]);
     assert_eq!(output.status.code(), Some(0));

@@ -30,7 +30,7 @@ pub use ft_wire::bota_serial::{BaudRate, Filter};
 use ft_wire::{Chunk, DecodeError, HostTime, Parsed, Unwrapper, Wrench};
 
 use boot_text::BootText;
-pub use config::Config;
+pub use config::{Config, GAUGE_RATE_HZ};
 
 use crate::device::{Counted, Device};
 use crate::framer::{Found, Framer};
@@ -132,6 +132,9 @@ impl BotaSerial {
         self.ticks.reset();
         self.sequence.forget();
         (self.warned, self.unread_bytes) = (0, 0);
+        if let Some(text) = self.config.too_fast() {
+            self.tell(DeviceEvent::Warning { text }, now);
+        }
         match self.config.startup {
             Startup::Configure => self.ask(Command::Config, now),
             Startup::Listen => self.state = State::Listening(now + self.config.ack_timeout),

@@ -16,6 +16,9 @@ pub(crate) struct Framer {
     end: usize,
     locked: bool,
     counting: bool,
+    /// Bytes skipped since the newest frame, and frames that went with those before it.
+    passed: usize,
+    missing: u64,
     pub(crate) refused: u64,
     pub(crate) skipped: u64,
 }
@@ -39,6 +42,8 @@ impl Framer {
             end: 0,
             locked: false,
             counting: false,
+            passed: 0,
+            missing: 0,
             refused: 0,
             skipped: 0,
         }
@@ -59,6 +64,12 @@ impl Framer {
     /// Forgets the bytes so far and the lock; the counters stay.
     pub(crate) fn clear(&mut self) {
         (self.start, self.end, self.locked, self.counting) = (0, 0, false, false);
+        (self.passed, self.missing) = (0, 0);
+    }
+
+    /// How many frames as long as the newest the bytes were that were skipped before it, rounded: a byte too many or too few is no frame.
+    pub(crate) const fn take_missing(&mut self) -> u64 {
+        core::mem::replace(&mut self.missing, 0)
     }
 
     /// Gives up the bytes so far as skipped; lock and counters stay.
@@ -99,6 +110,10 @@ impl Framer {
                 Ok(Parsed::Complete { value, used }) => {
                     self.start = (self.start + used).min(self.end);
                     self.locked = true;
+                    let missing = (core::mem::take(&mut self.passed) + used / 2)
+                        .checked_div(used)
+                        .unwrap_or(0);
+                    self.missing += u64::try_from(missing).unwrap_or(0);
                     return Found::Frame(value);
                 }
                 Ok(Parsed::Incomplete) => return Found::Nothing,
@@ -109,6 +124,7 @@ impl Framer {
                     skipped(*byte);
                     self.start += 1;
                     self.skipped += u64::from(self.counting);
+                    self.passed += usize::from(self.counting);
                     if core::mem::take(&mut self.locked) && self.counting {
                         self.refused += 1;
                         return Found::Refused(error);
@@ -167,6 +183,21 @@ mod tests {
             (vec![1, 2], 1)
         );
         assert_eq!((framer.refused, framer.skipped), (1, 5));
+    }
+
+    #[test]
+    fn frames_that_went_with_skipped_bytes_are_told_and_stray_bytes_are_none() {
+        let mut framer = Framer::new();
+        framer.begin_counting();
+        // Four bytes of two frames, then one that was lost to its neighbour, then none.
+        for (bytes, missing) in [
+            (&[0x7E, 1, 0x7E, 0x90, 0x7E, 0x91, 0x7E, 2][..], 2),
+            (&[0x7E, 3, 0x7E], 0),
+            (&[0x95, 0x7E, 4, 0x7E, 5], 1),
+        ] {
+            assert_eq!(run(&mut framer, bytes).1, usize::from(missing > 0));
+            assert_eq!(framer.take_missing(), missing, "{bytes:?}");
+        }
     }
 
     #[test]

@@ -86,9 +86,20 @@ pub struct KunweiKwr75 {
 /// A sample, and those behind it where it began the lock.
 type Followed = (Sample, Option<[Sample; FRAMES_TO_LOCK - 1]>);
 
+/// Reads a frame of the stream. Nothing here asks for single samples: a head that says so is a streamed one's with a flipped bit.
+fn decode_streamed(bytes: &[u8]) -> Result<Parsed<Sample>, DecodeError> {
+    match wire::decode(bytes)? {
+        Parsed::Complete { value, .. } if value.asked => Err(DecodeError::Field {
+            name: "head",
+            value: bytes.first().copied().unwrap_or_default().into(),
+        }),
+        parsed => Ok(parsed),
+    }
+}
+
 /// Reads a frame where one must be; elsewhere only one that others follow.
 fn decode(bytes: &[u8], locked: bool) -> Result<Parsed<Followed>, DecodeError> {
-    let Parsed::Complete { value, used } = wire::decode(bytes)? else {
+    let Parsed::Complete { value, used } = decode_streamed(bytes)? else {
         return Ok(Parsed::Incomplete);
     };
     if locked {
@@ -98,7 +109,7 @@ fn decode(bytes: &[u8], locked: bool) -> Result<Parsed<Followed>, DecodeError> {
     let mut behind = [value; FRAMES_TO_LOCK - 1];
     for (frame, follower) in (1..).zip(&mut behind) {
         let rest = bytes.get(frame * FRAME_LEN..).unwrap_or_default();
-        let Parsed::Complete { value, .. } = wire::decode(rest)? else {
+        let Parsed::Complete { value, .. } = decode_streamed(rest)? else {
             return Ok(Parsed::Incomplete);
         };
         *follower = value;
@@ -142,7 +153,7 @@ impl KunweiKwr75 {
     }
 
     fn on_sample(&mut self, (sample, behind): &Followed, arrival: HostTime) {
-        if sample.asked || !self.stages.admits_sample(Some(Command::Start), arrival) {
+        if !self.stages.admits_sample(Some(Command::Start), arrival) {
             return;
         }
         self.framer.begin_counting();
@@ -226,7 +237,10 @@ impl Device for KunweiKwr75 {
         self.framer.push(chunk);
         loop {
             match self.framer.next_by_lock(decode, |_| ()) {
-                Found::Frame(sample) => self.on_sample(&sample, stamps.arrival),
+                Found::Frame(sample) => {
+                    self.stages.tell_missing(self.framer.take_missing());
+                    self.on_sample(&sample, stamps.arrival);
+                }
                 Found::Refused(error) => first_error = first_error.and(Err(error)),
                 Found::Nothing => return first_error,
             }

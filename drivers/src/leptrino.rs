@@ -221,7 +221,10 @@ impl Device for Leptrino {
         self.framer.push(chunk);
         loop {
             match self.framer.next(wire::decode, |_| ()) {
-                Found::Frame(message) => self.on_message(&message, stamps.arrival),
+                Found::Frame(message) => {
+                    self.stages.tell_missing(self.framer.take_missing());
+                    self.on_message(&message, stamps.arrival);
+                }
                 Found::Refused(error) => first_error = first_error.and(Err(error)),
                 Found::Nothing => return first_error,
             }

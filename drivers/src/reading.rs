@@ -13,6 +13,12 @@ pub enum Reading {
     Width(WidthReading),
     /// A tracker's pose.
     Pose(PoseReading),
+    /// So many samples were taken between the one before and the next, and will not come: refused, or shown missing by what came.
+    /// Only of devices whose number of samples is their clock.
+    Missing {
+        /// How many.
+        samples: u64,
+    },
     /// The device's state changed.
     Event {
         /// When.

@@ -73,6 +73,11 @@ impl Protocol {
         self.stages.received()
     }
 
+    /// So many samples of the stream will not come.
+    pub(crate) fn tell_missing(&mut self, samples: u64) {
+        self.stages.tell_missing(samples);
+    }
+
     /// Something came, whatever it is: it shows that the bus lives.
     pub(crate) fn on_traffic(&mut self, at: HostTime) {
         self.stages.on_traffic(at);
@@ -146,6 +151,16 @@ impl Protocol {
             Filter::Off => Some(FilterSetting::NONE),
             Filter::LowPass { cut_off_hz } => FilterSetting::low_pass(cut_off_hz),
         };
+        if let Some(wanted) = wanted
+            && let Some(cut_off_hz) = wanted.cut_off_hz()
+        {
+            // The sources do not agree on what a code means.
+            let scale = vec![
+                ("filter_code", wanted.code.to_string()),
+                ("low_pass_hz_by_the_manual", cut_off_hz.to_string()),
+            ];
+            self.stages.tell(DeviceEvent::Scale(scale), at);
+        }
         match wanted {
             None => self.stages.lose(
                 format!("{:?} is none of the sensor's filters", self.config.filter),

@@ -4,7 +4,8 @@
 //! of the sensor and be stamped within [`Config::pairing_timeout`]. Two different first halves in a row may be a lost second half,
 //! or one that was overtaken on a crowded bus, where the lower id goes first: nobody can tell whose the next second half is, so
 //! both samples are refused. The same first half twice is skipped once. A first half without its second is one refused frame,
-//! counted when the stream is lost; a second half without a first is skipped. A host that reads late loses nothing, because only
+//! counted when the stream is lost. A second half without a first is skipped; unless its sample was refused already, or it is the half before
+//! once more, its first half was lost, which is a gap. A host that reads late loses nothing, because only
 //! stamps are compared.
 //!
 //! **Two frames lost in a row** can leave a first half and the second half of the next sample, a period behind it. A second half that
@@ -60,6 +61,11 @@ pub struct RobotousCan {
     protocol: Protocol,
     first: Option<([u8; 8], HostTime)>,
     doubted: Option<Doubted>,
+    /// The second half before.
+    second: Option<([u8; 8], HostTime)>,
+    /// Second halves that may still come of samples that were refused.
+    orphans: u64,
+    gaps: u64,
     refused: u64,
     skipped: u64,
 }
@@ -85,14 +91,37 @@ impl RobotousCan {
             protocol,
             first: None,
             doubted: None,
+            second: None,
+            orphans: 0,
+            gaps: 0,
             refused: 0,
             skipped: 0,
         }
     }
 
-    /// Counts a frame that is lost to us, once samples flow.
-    fn refuse(&mut self) {
-        self.refused += u64::from(self.protocol.is_streaming());
+    /// Counts samples that are lost to us, once they flow.
+    fn refuse(&mut self, samples: u64) {
+        if self.protocol.is_streaming() {
+            self.refused += samples;
+            self.protocol.tell_missing(samples);
+        }
+    }
+
+    /// A second half came alone.
+    fn on_orphan(&mut self, second: [u8; 8], at: HostTime) {
+        if !self.protocol.is_streaming() {
+            return;
+        }
+        self.skipped += 1;
+        let again = self.second.is_some_and(|(before, before_at)| {
+            before == second && at.saturating_since(before_at) < self.period() / 2
+        });
+        if self.orphans > 0 {
+            self.orphans -= 1;
+        } else if !again {
+            self.gaps += 1;
+            self.protocol.tell_missing(1);
+        }
     }
 
     fn on_first(&mut self, data: [u8; 8], at: HostTime) {
@@ -106,25 +135,28 @@ impl RobotousCan {
                 if at.saturating_since(before_at) <= self.config.pairing_timeout =>
             {
                 self.first = None;
-                if self.protocol.is_streaming() {
-                    self.refused += OF_TWO;
-                }
+                self.orphans = OF_TWO;
+                self.refuse(OF_TWO);
             }
             Some(_) => {
-                self.refuse();
+                self.refuse(1);
                 self.first = Some((data, at));
             }
-            None => self.first = Some((data, at)),
+            None => {
+                self.orphans = 0;
+                self.first = Some((data, at));
+            }
         }
     }
 
     fn on_second(&mut self, second: [u8; 8], at: HostTime) -> Result<(), DecodeError> {
         let Some((first, first_at)) = self.first.take() else {
-            self.skipped += u64::from(self.protocol.is_streaming());
+            self.on_orphan(second, at);
             return Ok(());
         };
+        self.second = Some((second, at));
         if at.saturating_since(first_at) > self.config.pairing_timeout {
-            self.refuse();
+            self.refuse(1);
             self.skipped += u64::from(self.protocol.is_streaming());
             return Ok(());
         }
@@ -134,7 +166,7 @@ impl RobotousCan {
                 Ok(())
             }
             Err(error) => {
-                self.refuse();
+                self.refuse(1);
                 Err(error)
             }
         }
@@ -166,8 +198,8 @@ impl RobotousCan {
         if since < period * 7 / 4 || behind < period / 2 {
             self.protocol
                 .on_response(doubted.response, doubted.second_at);
-        } else if self.protocol.is_streaming() {
-            self.refused += OF_TWO;
+        } else {
+            self.refuse(OF_TWO);
         }
     }
 
@@ -196,8 +228,8 @@ impl Device for RobotousCan {
             }
             Err(error) => {
                 // Ours, but too short: whatever waited for it is lost with it.
-                self.first = None;
-                self.refuse();
+                self.orphans = u64::from(self.first.take().is_none());
+                self.refuse(1);
                 Err(error)
             }
         }
@@ -232,6 +264,7 @@ impl Counted for RobotousCan {
     fn counts(&self) -> Counts {
         Counts {
             received: self.protocol.received(),
+            gaps: self.gaps,
             refused: self.refused,
             skipped: self.skipped,
             ..Counts::default()

@@ -79,6 +79,7 @@ impl Device for RobotousUart {
         loop {
             match self.framer.next(wire::decode_response, |_| ()) {
                 Found::Frame(response) => {
+                    self.protocol.tell_missing(self.framer.take_missing());
                     self.protocol.on_response(response, stamps.arrival);
                     if self.protocol.is_streaming() {
                         self.framer.begin_counting();

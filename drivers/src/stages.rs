@@ -278,6 +278,13 @@ impl<Q: Copy + PartialEq + fmt::Debug> Stages<Q> {
         self.state = State::Listening(now + self.timing.silence_timeout);
     }
 
+    /// So many samples of the stream will not come.
+    pub(crate) fn tell_missing(&mut self, samples: u64) {
+        if samples > 0 && self.is_streaming() {
+            self.readings.push_back(Reading::Missing { samples });
+        }
+    }
+
     pub(crate) fn deliver(&mut self, reading: Reading) {
         self.received += 1;
         self.readings.push_back(reading);

@@ -101,6 +101,16 @@ pub enum ServeError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A USB gadget or candleLight is meant for a device that cannot be behind it.
+    #[error("{device} is no device on {bus} of this scenario: there is {there}")]
+    Misplaced {
+        /// The device.
+        device: String,
+        /// What it would have to be on.
+        bus: &'static str,
+        /// The devices that are.
+        there: String,
+    },
     /// The CAN interface cannot be opened.
     #[error(
         "cannot open the CAN interface {interface}: make it with `ip link add dev {interface} type vcan` and set it up"
@@ -162,6 +172,29 @@ enum Outlet {
     },
 }
 
+/// Fails unless all `wanted` are devices on `bus`.
+fn is_there<'a>(
+    simulation: &Simulation,
+    bus: &'static str,
+    mut wanted: impl Iterator<Item = &'a String>,
+) -> Result<(), ServeError> {
+    let on_bus = |kind: &SlotKind| matches!(kind, SlotKind::Can(_)) == (bus == "CAN");
+    let slots = simulation.slots().iter().filter(|slot| on_bus(&slot.kind));
+    let there: Vec<_> = slots.map(|slot| slot.fitted.name.as_str()).collect();
+    match wanted.find(|device| !there.contains(&device.as_str())) {
+        None => Ok(()),
+        Some(device) => Err(ServeError::Misplaced {
+            device: device.clone(),
+            bus,
+            there: if there.is_empty() {
+                "none".to_owned()
+            } else {
+                there.join(", ")
+            },
+        }),
+    }
+}
+
 impl Server {
     /// Starts playing `scenario` now, on `clock`.
     ///
@@ -175,6 +208,8 @@ impl Server {
         options: ServeOptions,
     ) -> Result<Self, ServeError> {
         let simulation = Simulation::live(scenario, seed, duration, clock)?;
+        is_there(&simulation, "a serial line", options.gadgets.keys())?;
+        is_there(&simulation, "CAN", options.candlelights.keys())?;
         let mut ports = Vec::new();
         let mut outlets = Vec::new();
         for slot in simulation.slots() {

@@ -42,6 +42,21 @@ fn wrong_arguments_exit_with_2_and_say_what_is_right() {
 }
 
 #[test]
+fn a_gadget_for_a_device_that_is_not_there_or_on_another_bus_is_refused() {
+    for (option, device, there) in [
+        ("--gadget", "foo=/dev/ttyGS0", "ft_sensor, gripper, aria"),
+        ("--candlelight", "ft_sensor=/run/candle", "none"),
+    ] {
+        let refused = run(&["serve", "wood_door", "--duration", "4", option, device]);
+        let told = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(2), "{told}");
+        let name = device.split_once('=').unwrap().0;
+        assert!(told.contains(&format!("{name} is no device on")), "{told}");
+        assert!(told.contains(&format!("there is {there}")), "{told}");
+    }
+}
+
+#[test]
 fn help_has_examples() {
     let help = text(&run(&["--help"]).stdout);
     assert!(

@@ -13,6 +13,8 @@ use tempfile::tempdir;
 struct Gripper {
     process: Child,
     ports: Vec<(String, PathBuf)>,
+    /// Names of the devices in the test's own folder.
+    links: Vec<PathBuf>,
 }
 
 impl Gripper {
@@ -24,19 +26,27 @@ impl Gripper {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(process.stdout.take().unwrap()).lines();
-        let mut ports = Vec::new();
+        let (mut ports, mut links) = (Vec::new(), Vec::new());
         while ports.len() < 3 {
             let line = lines.next().unwrap().unwrap();
             let words: Vec<_> = line.split_whitespace().collect();
             if let [name, _driver, port, ..] = words[..]
                 && port.starts_with("/dev/")
             {
-                ports.push((name.to_owned(), PathBuf::from(port)));
+                // Another process may get the pseudo-terminal of a device that left: its link leaves first.
+                let link = folder.join(format!("plugged_{name}"));
+                std::os::unix::fs::symlink(port, &link).unwrap();
+                ports.push((name.to_owned(), link.clone()));
+                links.push(link);
             }
         }
         // The pipe stays open, or the process would end at its next line.
         std::thread::spawn(move || lines.for_each(drop));
-        Self { process, ports }
+        Self {
+            process,
+            ports,
+            links,
+        }
     }
 
     fn port(&self, name: &str) -> &str {
@@ -47,6 +57,9 @@ impl Gripper {
 
 impl Drop for Gripper {
     fn drop(&mut self) {
+        for link in &self.links {
+            std::fs::remove_file(link).unwrap();
+        }
         self.process.kill().unwrap();
         self.process.wait().unwrap();
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ft_wire::bota_serial::{BaudRate, Filter};
+use ft_wire::bota_serial::{BaudRate, FRAME_LEN, Filter};
 
 use crate::options::{Sign, Startup};
 
@@ -30,10 +30,31 @@ pub struct Config {
     pub retry_after: Duration,
 }
 
+/// The rate at which the sensor samples its gauges, before its filter, Hz.
+pub const GAUGE_RATE_HZ: f64 = 51_200.0;
+/// With chop a sample takes as many times as long, at least.
+const CHOP: f64 = 4.0;
+/// Start bit, eight bits, stop bit.
+const BITS_PER_BYTE: f64 = 10.0;
+
 /// What a sample takes at sinc length 4096 with chop, the slowest, by the maker's driver.
 const SLOWEST: Duration = Duration::from_millis(1_770);
 
 impl Config {
+    /// Said where the line cannot carry the rate that the filter sets.
+    pub(super) fn too_fast(&self) -> Option<String> {
+        let length =
+            f64::from(self.filter.sinc_length.max(1)) * if self.filter.chop { CHOP } else { 1.0 };
+        let (rate, baud) = (GAUGE_RATE_HZ / length, self.baud.bps());
+        let most = f64::from(baud) / (BITS_PER_BYTE * FRAME_LEN as f64);
+        (rate > most).then(|| {
+            format!(
+                "a rate of {rate:.0} Hz is more than the {most:.0} Hz that a line of {baud} bit/s carries: samples will be lost; \
+                 lower rate_hz or raise baud_bps"
+            )
+        })
+    }
+
     /// The same with a silence that the filter's slowest sample does not reach.
     pub(super) fn patient(self) -> Self {
         let share = f64::from(self.filter.sinc_length) / 4096.0;

@@ -28,6 +28,28 @@ fn bench() -> Bench<BotaSerial> {
     Bench::new(BotaSerial::new(Config::default()))
 }
 
+#[test]
+fn a_rate_that_the_line_cannot_carry_is_warned_of() {
+    // 37 bytes of ten bits a sample.
+    for (baud, sinc_length, carried) in [
+        (wire::BaudRate::Bps9600, 51, false),
+        (wire::BaudRate::Bps230400, 64, false),
+        (wire::BaudRate::Bps230400, 128, true),
+        (wire::BaudRate::Bps460800, 51, true),
+    ] {
+        let mut config = Config {
+            baud,
+            ..Config::default()
+        };
+        config.filter.sinc_length = sinc_length;
+        let mut bench = Bench::new(BotaSerial::new(config));
+        bench.advance_ms(1);
+        let told = bench.complaints();
+        assert_eq!(told.is_empty(), carried, "{baud:?}: {told:?}");
+        assert!(carried || told[0].contains(&format!("a line of {} bit/s", baud.bps())));
+    }
+}
+
 fn listening() -> Bench<BotaSerial> {
     Bench::new(BotaSerial::new(Config {
         startup: Startup::Listen,

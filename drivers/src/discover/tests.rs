@@ -96,6 +96,11 @@ fn no_identity_is_there_twice() {
         Some("ftdi_sio")
     );
     assert_eq!(identity(0x0403, 0xFFFF), None);
+    // An encoder behind a microcontroller.
+    for (vendor, product) in [(0x16C0, 0x0483), (0x2E8A, 0x000A)] {
+        let takers = identity(vendor, product).map(|found| found.takers);
+        assert!(takers.is_some_and(|takers| takers.contains(&"encoder_line")));
+    }
 }
 
 /// A directory tree that goes away with the test.

@@ -67,6 +67,26 @@ fn set_up_by_the_book_ends_in_samples() {
 }
 
 #[test]
+fn a_head_with_a_flipped_bit_is_refused_and_told_as_missing() {
+    let mut bench = locked();
+    // The head of an answer to a question that nobody asked.
+    let mut flipped = sample(1.0);
+    flipped[0] ^= 1;
+    for bytes in [flipped, sample(1.0), sample(1.0), sample(1.0)] {
+        bench.advance_ms(1);
+        // The error is the count.
+        let _ = bench.bytes(&bytes);
+    }
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused), (6, 1), "{counts:?}");
+    let missing = bench.readings.iter().filter_map(|reading| match reading {
+        Reading::Missing { samples } => Some(*samples),
+        _ => None,
+    });
+    assert_eq!(missing.collect::<Vec<_>>(), [1]);
+}
+
+#[test]
 fn a_stream_still_running_is_drained_and_not_delivered() {
     let mut bench = Bench::new(KunweiKwr75::new(Config::default()));
     expect(&mut bench, Command::Stop);

@@ -156,6 +156,10 @@ impl Link for HidrawLink {
         Ok(())
     }
 
+    fn overflows(&self) -> u64 {
+        self.oversized
+    }
+
     fn take_notice(&mut self) -> Option<String> {
         if self.oversized == 0 || core::mem::replace(&mut self.told, true) {
             return None;

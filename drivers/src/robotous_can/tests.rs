@@ -139,6 +139,12 @@ fn settings_that_are_right_already_are_not_written_again() {
         Response::Filter(FilterSetting { kind: 1, code: 5 }),
     );
     expect(&mut bench, Command::Start);
+    // The sources do not agree on what a code means: both are told.
+    let scale = DeviceEvent::Scale(vec![
+        ("filter_code", "5".to_owned()),
+        ("low_pass_hz_by_the_manual", "100".to_owned()),
+    ]);
+    assert!(bench.events().contains(&scale), "{:?}", bench.events());
 }
 
 #[test]
@@ -316,6 +322,38 @@ fn halves_of_different_samples_never_join() {
             skipped: 1,
             ..Counts::default()
         }
+    );
+}
+
+#[test]
+fn a_lost_first_half_is_a_gap_and_a_second_half_twice_is_none() {
+    let mut bench = at_1_khz();
+    let [_, second] = numbered(1);
+    // Its first half was lost.
+    bench.frame(&second).unwrap();
+    bench.advance(Duration::from_micros(870));
+    for half in [numbered(2)[0], numbered(2)[1], numbered(2)[1]] {
+        bench.advance(Duration::from_micros(130));
+        bench.frame(&half).unwrap();
+    }
+    assert_eq!(
+        bench.device.counts(),
+        Counts {
+            received: 11,
+            gaps: 1,
+            skipped: 2,
+            ..Counts::default()
+        }
+    );
+    // The clock that counts samples hears of it where it happened.
+    let wanted = |reading: &&Reading| !matches!(reading, Reading::Event { .. });
+    let tail: Vec<_> = bench.readings.iter().filter(wanted).skip(10).collect();
+    assert!(
+        matches!(
+            tail[..],
+            [Reading::Missing { samples: 1 }, Reading::Wrench(_)]
+        ),
+        "{tail:?}"
     );
 }
 

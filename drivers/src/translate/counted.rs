@@ -3,22 +3,26 @@
 //! The n-th sample was taken n periods after the first, so the number of samples is a device clock; [`OneWay`] translates it. The
 //! period is learned from the lower hull of the first arrivals, which bursts do not bend.
 //!
-//! A sample that was lost leaves the count one period behind: from then on even the promptest sample of each short window comes
-//! later than before. By how much is rounded to whole periods and put on the count. A count that was put too far shows at the first
-//! prompt sample, which would come too early; for half a minute after a loss nothing is learned, so that the line stays true meanwhile.
+//! Samples that the driver knows to be lost are put on the count ([`Counted::pass`]). One that was lost without a trace leaves the count a
+//! period behind: from then on even the promptest sample of each short window comes later than before. By how much is rounded to
+//! whole periods and put on the count. A count that was put too far shows at the first prompt sample, which would come too early: for half a
+//! minute such a sample takes it back. On a link in bursts nothing is learned meanwhile, so that the line stays true.
 //!
-//! Samples that are lost while the period is learned make it wrong. By more than a skew can be: then the skew stands at its bound, the
-//! stamps are arrivals, and after five seconds the period is mended by what the hull shows ([`Counted::mended`] tells how often).
+//! Samples that are lost without a trace while the period is learned make it wrong. By more than a skew can be: then the skew stands at its
+//! bound, stamps are arrivals or too early, and after five seconds the period is mended by what the hull shows ([`Counted::mended`]
+//! tells how often).
 //!
-//! It cannot see a single loss in its first ten seconds otherwise, and of a loss while the promptest samples come nearly in time although they may come up
-//! to a period late (bursts) only what their phase shows later. Uneven sampling is taken for jitter of the link.
+//! A link is even when the samples of a window are about equally late; on others a single loss in the first ten seconds is not seen, and of a loss
+//! while the promptest samples come nearly in time although they may come up to a period late (bursts) only what their phase shows
+//! later. By how much the promptest sample of the last window was late is part of the spread: the count may be behind by it. Uneven
+//! sampling is taken for jitter of the link.
 
 use core::time::Duration;
 
 use ft_wire::HostTime;
 
 use super::hull::{Hull, Line};
-use super::{OneWay, OneWayConfig, TRUSTED_AFTER_S, Translated};
+use super::{ClockStatus, OneWay, OneWayConfig, TRUSTED_AFTER_S, Translated, nanos};
 
 /// The period is learned from so much time and so many samples.
 const LEARN_NS: i64 = 2_000_000_000;
@@ -34,6 +38,14 @@ const PROBATION: Duration = Duration::from_secs(30);
 /// Losses are looked for in windows of so much time and so many samples.
 const WINDOW: Duration = Duration::from_millis(200);
 const WINDOW_SAMPLES: u32 = 8;
+/// A link is called even after so many windows whose samples were late by less than this share of a period on average, beside
+/// the promptest of each; another window takes so many from it, of at most so many.
+const EVEN_WINDOWS: u32 = 15;
+const EVEN: f64 = 0.2;
+const UNEVEN_COSTS: u32 = 2;
+const MOST_EVEN: u32 = 40;
+/// How late the promptest sample of a window comes there, in periods.
+const USUAL_OF_EVEN: f64 = 0.1;
 /// A link is called prompt when over so many windows the promptest sample of each was less late than this share of a period.
 const PROMPT_WINDOWS: u32 = 600;
 const PROMPT: f64 = 0.3;
@@ -55,8 +67,16 @@ pub struct Counted {
     most: (f64, u32),
     /// That of the window before, as it came.
     before: Option<f64>,
+    /// Even windows, less what others cost.
+    even: u32,
+    /// Samples that the driver knows to be lost since the newest.
+    passed: f64,
+    /// What was put on the count may still be too much.
+    doubted: Option<Doubted>,
     /// Until when the line is held after a loss.
     held_until: Option<HostTime>,
+    /// Spread of the newest translation.
+    spread: Duration,
     newest: HostTime,
     /// Times that the period had to be mended.
     mended: u32,
@@ -64,12 +84,20 @@ pub struct Counted {
     periods: u32,
 }
 
-/// The promptest sample since a window began.
+/// The promptest sample since a window began, and how late all were.
 #[derive(Clone, Copy, Debug)]
 struct Window {
     since: HostTime,
     samples: u32,
     least_ns: f64,
+    sum_ns: f64,
+}
+
+/// Periods put on the count, and until when an early sample may take them back.
+#[derive(Clone, Copy, Debug)]
+struct Doubted {
+    until: HostTime,
+    periods: f64,
 }
 
 /// A sample on the clock of counts.
@@ -108,7 +136,11 @@ impl Counted {
             usual: 1.0,
             most: (0.0, 0),
             before: None,
+            even: 0,
+            passed: 0.0,
+            doubted: None,
             held_until: None,
+            spread: Duration::ZERO,
             newest: HostTime::EPOCH,
             mended: 0,
             periods: 0,
@@ -129,13 +161,27 @@ impl Counted {
         (self.samples, self.device_ns, self.period_ns) = (0, 0.0, None);
         (self.window, self.before, self.held_until) = (None, None, None);
         (self.usual, self.most) = (1.0, (0.0, 0));
+        (self.even, self.passed, self.doubted) = (0, 0.0, None);
         self.newest = HostTime::EPOCH;
     }
 
-    /// The clock that the counts make.
+    /// What is known of the clock that the counts make; `None` while the period is learned.
     #[must_use]
-    pub const fn clock(&self) -> &OneWay {
-        &self.clock
+    pub fn status(&self) -> Option<ClockStatus> {
+        Some(ClockStatus {
+            spread_ns: nanos(self.spread),
+            ..self.clock.status()?
+        })
+    }
+
+    /// So many samples were taken between the newest and the next, and do not come.
+    pub fn pass(&mut self, samples: u64) {
+        // Before the first one there is nothing to count from.
+        if self.period_ns.is_some() {
+            self.passed += samples as f64;
+        } else if self.samples > 0 {
+            self.samples = self.samples.saturating_add_unsigned(samples);
+        }
     }
 
     /// Takes the arrival of the next sample; `None` while the period is learned, for 2 s or more. No answer is later than its
@@ -146,6 +192,8 @@ impl Counted {
             return None;
         };
         self.device_ns += period_ns;
+        let passed = core::mem::take(&mut self.passed);
+        self.put_on(passed, period_ns, arrival);
         self.look_for_losses(arrival, period_ns);
         let device_ns = whole(self.device_ns);
         let translated = match self.held(device_ns, arrival) {
@@ -155,18 +203,45 @@ impl Counted {
         let at = translated.at.max(self.newest).min(arrival);
         self.newest = at;
         let periods = self.periods;
+        let behind = self.before.unwrap_or(0.0).max(0.0) * period_ns * 1e-9;
+        let spread = translated.spread.as_secs_f64().hypot(behind).min(1e6);
+        self.spread = Duration::from_secs_f64(spread);
         self.mend(device_ns, period_ns);
         Some(CountedInstant {
             device_ns,
-            translated: Translated { at, ..translated },
+            translated: Translated {
+                at,
+                spread: self.spread,
+            },
             periods,
         })
     }
 
+    /// Puts lost samples on the count.
+    fn put_on(&mut self, lost: f64, period_ns: f64, arrival: HostTime) {
+        if lost > 0.0 {
+            self.device_ns += lost * period_ns;
+            let before = self.doubted.map_or(0.0, |doubted| doubted.periods);
+            self.doubted = Some(Doubted {
+                until: arrival + PROBATION,
+                periods: before + lost,
+            });
+        }
+    }
+
+    /// Whether the line is known so well that lateness is a loss.
+    fn is_trusted(&self) -> bool {
+        self.is_even() || self.clock.active.span_s() >= TRUSTED_S
+    }
+
+    const fn is_even(&self) -> bool {
+        self.even >= EVEN_WINDOWS
+    }
+
     fn learn(&mut self, arrival: HostTime) {
         self.learning
-            .add(self.samples * UNIT_NS, arrival.as_nanos());
-        self.samples += 1;
+            .add(self.samples.saturating_mul(UNIT_NS), arrival.as_nanos());
+        self.samples = self.samples.saturating_add(1);
         let enough = self.learning.observations() >= LEARN_SAMPLES;
         if enough && self.learning.arrivals_span() >= LEARN_NS {
             let period_ns = UNIT_NS as f64 * (1.0 + self.learning.middle_slope());
@@ -209,9 +284,12 @@ impl Counted {
             self.begin_from(line, device_ns);
             return None;
         }
+        // What the slope is wrong by adds up.
+        let held_s = device_ns.saturating_sub(newest.device_ns) as f64 * 1e-9;
+        let grown = 1.0 + (held_s / self.clock.active.span_s().max(1.0)).max(0.0);
         Some(Translated {
             at: self.clock.delayed(line.at(device_ns)).min(arrival),
-            ..newest.translated
+            spread: newest.translated.spread.mul_f64(grown.min(1e3)),
         })
     }
 
@@ -229,8 +307,15 @@ impl Counted {
         let Some(line) = self.clock.line else { return };
         let predicted = line.at(whole(self.device_ns));
         let late_ns = arrival.as_nanos().saturating_sub(predicted) as f64;
-        if self.held_until.is_some() && late_ns < -0.25 * period_ns {
-            self.device_ns += (late_ns / period_ns).floor() * period_ns;
+        let trusted = self.is_trusted();
+        self.doubted = self.doubted.filter(|doubted| arrival <= doubted.until);
+        if let Some(doubted) = &mut self.doubted
+            && trusted
+            && late_ns < -0.25 * period_ns
+        {
+            let too_many = (-late_ns / period_ns - 0.25).ceil().min(doubted.periods);
+            self.device_ns -= too_many * period_ns;
+            doubted.periods -= too_many;
             (self.window, self.before) = (None, None);
             // It was no loss but the phase of bursts.
             (self.usual, self.most) = (1.0, (0.0, 0));
@@ -240,8 +325,10 @@ impl Counted {
             since: arrival,
             samples: 0,
             least_ns: late_ns,
+            sum_ns: 0.0,
         });
         window.samples += 1;
+        window.sum_ns += late_ns;
         window.least_ns = window.least_ns.min(late_ns);
         self.window = Some(window);
         if window.samples < WINDOW_SAMPLES || arrival.saturating_since(window.since) < WINDOW {
@@ -249,14 +336,18 @@ impl Counted {
         }
         self.window = None;
         let least = window.least_ns / period_ns;
-        let lost = if self.clock.active.span_s() >= TRUSTED_S {
-            self.lost(least)
+        let mean = window.sum_ns / f64::from(window.samples) / period_ns;
+        self.even = if mean - least < EVEN {
+            (self.even + 1).min(MOST_EVEN)
         } else {
-            0.0
+            self.even.saturating_sub(UNEVEN_COSTS)
         };
+        let lost = if trusted { self.lost(least) } else { 0.0 };
         if lost > 0.0 {
-            self.device_ns += lost * period_ns;
-            self.held_until = Some(arrival + PROBATION);
+            self.put_on(lost, period_ns, arrival);
+            if !self.is_even() {
+                self.held_until = Some(arrival + PROBATION);
+            }
         } else {
             self.judge_promptness(least);
         }
@@ -275,7 +366,11 @@ impl Counted {
     /// How many samples were lost when a window's promptest sample is `least` periods late. A step from the window before tells it,
     /// unless the phase of bursts may have begun anew; else the fewest that explain it count.
     fn lost(&self, least: f64) -> f64 {
-        let usual = self.usual;
+        let usual = if self.is_even() {
+            self.usual.min(USUAL_OF_EVEN)
+        } else {
+            self.usual
+        };
         let before = self.before.unwrap_or(least);
         let step = least - before;
         if step > 0.5 && least > usual + 0.15 && before > 0.4 * usual - 0.05 {

@@ -255,7 +255,9 @@ fn serve(
     let clock = MonotonicClock::anchored_now();
     let mut server =
         Server::start(scenario, seed, duration, clock, options).map_err(|error| match error {
-            ServeError::Scenario(ScenarioError::TooShort { .. }) => (2, error.to_string()),
+            ServeError::Scenario(ScenarioError::TooShort { .. }) | ServeError::Misplaced { .. } => {
+                (2, error.to_string())
+            }
             _ => failed(&error),
         })?;
     if let Some(path) = &truth {

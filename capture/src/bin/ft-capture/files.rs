@@ -78,6 +78,11 @@ pub(crate) fn devices() -> CommandResult {
 /// Writes a first configuration from what is plugged in.
 pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
     let found = Found::now();
+    if found.is_empty() {
+        return Err("nothing is plugged in that a configuration could be written from: plug the devices in and see \
+                    `ft-capture devices`; `ft-capture --sim` needs none"
+            .into());
+    }
     let text = init::capture_toml(&found);
     let file = if force {
         std::fs::File::create(output)
@@ -94,12 +99,10 @@ pub(crate) fn init(output: &Path, force: bool) -> CommandResult {
             }
             _ => format!("{}: {error}", output.display()),
         })?;
-    let next = if found.is_empty() {
-        "nothing is plugged in"
-    } else {
-        "choose the drivers in it"
-    };
-    say(&format!("written to {}: {next}", output.display()))?;
+    say(&format!(
+        "written to {}: choose the drivers in it",
+        output.display()
+    ))?;
     Ok(Outcome::Fine)
 }
 
