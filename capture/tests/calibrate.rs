@@ -342,6 +342,36 @@ fn an_offset_beyond_the_search_is_not_invented() {
     );
 }
 
+/// What is left of each recorded wrench when that of a tool and a bias as found, moved as the tool was, is taken off it: rms over
+/// the sensor's own noise, force and torque.
+fn compensated_over_noise(setup: &Setup, found: &Calibration) -> [f64; 2] {
+    let [xx, xy, yy, xz, yz, zz] = found.payload_inertia_kgm2.value;
+    let as_found = Setup {
+        mass: found.payload_mass_kg.value,
+        com: found.payload_com_m.value.into(),
+        inertia: nalgebra::Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        bias: found.wrench_bias.unwrap().value,
+        force_noise: 0.0,
+        torque_noise: 0.0,
+        ..setup.clone()
+    };
+    let (measured, predicted) = (setup.record().wrench, as_found.record().wrench);
+    let left = |axes: std::ops::Range<usize>| {
+        let pairs = measured.iter().zip(&predicted);
+        let of_pair = |(a, b): (&Stamped<[f64; 6]>, &Stamped<[f64; 6]>)| {
+            assert_eq!(a.at, b.at);
+            axes.clone()
+                .map(move |k| a.value[k] - b.value[k])
+                .collect::<Vec<_>>()
+        };
+        rms(&pairs.flat_map(of_pair).collect::<Vec<_>>())
+    };
+    [
+        left(0..3) / setup.force_noise,
+        left(3..6) / setup.torque_noise,
+    ]
+}
+
 /// Weighs tools from good shakes of 20 s; free air after compensation over the sensor's own noise, force and torque, by set-up.
 fn weighed(seeds: std::ops::Range<u64>, pose_hz: f64) -> Vec<[f64; 2]> {
     let motion = Motion {
@@ -394,12 +424,7 @@ fn weighed(seeds: std::ops::Range<u64>, pose_hz: f64) -> Vec<[f64; 2]> {
                 _ => {}
             }
         }
-        // A compensated sample has the sensor's own noise and what is left below 8 Hz, where the tool moves.
-        let [force, torque] = found.residual_rms;
-        over_noise.push([
-            setup.force_noise.hypot(force) / setup.force_noise,
-            setup.torque_noise.hypot(torque) / setup.torque_noise,
-        ]);
+        over_noise.push(compensated_over_noise(&setup, c));
     }
     let within_two = f64::from(within_two.0) / f64::from(within_two.1);
     println!(
@@ -416,11 +441,17 @@ fn weighed(seeds: std::ops::Range<u64>, pose_hz: f64) -> Vec<[f64; 2]> {
     );
     // All 16 parameters at once: chi-squared of 16 degrees has a mean of 16.
     distances.sort_unstable_by(f64::total_cmp);
-    println!(
-        "simulated: errors by their covariance, squared: median {:.1}, 95 % {:.1} (of a chi-squared of 16: 15.3, 26.3)",
+    let (median, most) = (
         distances[distances.len() / 2],
-        distances[distances.len() * 95 / 100]
+        distances[distances.len() * 95 / 100],
     );
+    println!(
+        "simulated: errors by their covariance, squared: median {median:.1}, 95 % {most:.1} (of a chi-squared of 16: 15.3, 26.3)"
+    );
+    // Three times what the quantiles of so many draws scatter by: sqrt(p (1 - p) / n) over the density there, 0.0725 and 0.0131.
+    let scatter = 3.0 / (distances.len() as f64).sqrt();
+    assert!((median - 15.3).abs() < scatter * 0.5 / 0.0725, "{median}");
+    assert!((most - 26.3).abs() < scatter * 0.218 / 0.0131, "{most}");
     // 95.4 % of a normal distribution lie within two standard deviations.
     assert!((0.90..=0.98).contains(&within_two), "{within_two}");
     over_noise

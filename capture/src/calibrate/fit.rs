@@ -1,7 +1,7 @@
 //! Least squares of the tool's parameters, the sensor's bias and the delay between the two stamps.
 
 use ft_identify::least_squares::{effective_count, rms};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::series::{PoseSide, TOOL, WrenchSide};
 use super::turn::TURN_STEP;
@@ -189,7 +189,7 @@ impl Problem {
         let offset_at = take(extras.delay && theta.is_some(), 1);
         let skew_at = take(extras.skew && offset_at.is_some(), 1);
         let middle = self.middle_s();
-        let mut rows: Vec<(f64, DMatrix<f64>, [f64; 6])> = Vec::new();
+        let mut rows: Vec<Row> = Vec::new();
         let step = 0.25 * ROW_STEP_S;
         for t in self.times() {
             let at = delay.stamp_of(t);
@@ -261,9 +261,9 @@ impl Problem {
             scores.push(row.transpose() * weighted);
             residuals.push((*t, core::array::from_fn(|k| left[k])));
         }
-        let [near, far] =
-            CORRELATED_ROWS.map(|rows| &covariance * spread_of(&scores, rows) * &covariance);
-        let covariance = larger(near, &far);
+        let all = &covariance * spread_of_stationary(&rows, &residuals, noise) * &covariance;
+        let slow = &covariance * spread_of(&scores, SLOW_ROWS) * &covariance;
+        let covariance = larger(all, &slow);
         let (rms, worth) = judged(&residuals);
         let next = Delay {
             offset_s: delay.offset_s + offset_at.map_or(0.0, |at| solution[at]),
@@ -290,9 +290,61 @@ impl Problem {
     }
 }
 
-/// Rows over which residuals may be correlated: 0.25 s, twice what the low-pass makes of white noise, and 1 s for what is slow (a
-/// cable, a hand). More alone makes the sum small over a short free air, because the fit takes slow residuals away.
-const CORRELATED_ROWS: [usize; 2] = [8, 32];
+/// Rows over which residuals may be correlated: 0.5 s, four times what the low-pass makes of white noise, ...
+const CORRELATED_ROWS: usize = 16;
+/// ... and 1 s for what is slow and comes and goes (a cable, a hand). More alone makes the sum small over a short free air, because
+/// the fit takes slow residuals away.
+const SLOW_ROWS: usize = 32;
+
+/// A row: when, s; the six lines of the regressor; the wrench.
+type Row = (f64, DMatrix<f64>, [f64; 6]);
+
+/// Covariance of the sum of the scores of residuals whose correlation, between axes and over time, is the same throughout. It is
+/// taken from all rows together, so that it is known far better than from the scores themselves ([`spread_of`]): these scatter so
+/// much that errors of all parameters at once, weighed by their inverse, look a quarter too large.
+///
+/// Triangular weights keep it non-negative here, too.
+fn spread_of_stationary(
+    rows: &[Row],
+    residuals: &[(f64, [f64; 6])],
+    noise: [f64; 2],
+) -> DMatrix<f64> {
+    let width = rows.first().map_or(0, |(_, row, _)| row.ncols());
+    let n = rows.len() as f64;
+    let weighted: Vec<SVector<f64, 6>> = residuals
+        .iter()
+        .map(|(_, left)| SVector::from_fn(|k, _| left[k] * noise[k / 3].powi(-2)))
+        .collect();
+    // Half of that at lag 0, because the sum is added to its transpose.
+    let correlations: Vec<DMatrix<f64>> = (0..=CORRELATED_ROWS.min(rows.len().saturating_sub(1)))
+        .map(|lag| {
+            let pairs = weighted[lag..].iter().zip(&weighted);
+            let sum: SMatrix<f64, 6, 6> = pairs
+                .map(|(later, earlier)| later * earlier.transpose())
+                .sum();
+            let weight = match lag {
+                0 => 0.5,
+                _ => 1.0 - lag as f64 / (CORRELATED_ROWS + 1) as f64,
+            };
+            DMatrix::from_column_slice(6, 6, (sum * (weight / n)).as_slice())
+        })
+        .collect();
+    let mut sum = DMatrix::zeros(width, width);
+    for (i, (_, row, _)) in rows.iter().enumerate() {
+        let mut near = DMatrix::zeros(6, width);
+        for (lag, correlation) in correlations.iter().enumerate().take(i + 1) {
+            near.gemm(1.0, correlation, &rows[i - lag].1, 1.0);
+        }
+        sum.gemm_tr(1.0, row, &near, 1.0);
+    }
+    (&sum + sum.transpose()) * taken_away(rows.len(), width, CORRELATED_ROWS)
+}
+
+/// The fit takes its own part of the residuals away: what their covariance is to be multiplied by.
+fn taken_away(rows: usize, width: usize, correlated: usize) -> f64 {
+    let n = rows as f64;
+    6.0 * n / (6.0 * n - (width * correlated / 4) as f64).max(n)
+}
 
 /// Covariance of the sum of the scores, whose neighbours are correlated; with it, the parameters' covariance holds for
 /// residuals of any colour and size.
@@ -311,10 +363,7 @@ fn spread_of(scores: &[DVector<f64>], correlated: usize) -> DMatrix<f64> {
         }
         sum.ger(1.0, score, &near, 1.0);
     }
-    let n = scores.len() as f64;
-    // The fit takes its own part of the residuals away.
-    let correction = 6.0 * n / (6.0 * n - (width * correlated / 4) as f64).max(n);
-    (&sum + sum.transpose()) * correction
+    (&sum + sum.transpose()) * taken_away(scores.len(), width, correlated)
 }
 
 /// The covariance, each parameter widened to what the other says where that is more.

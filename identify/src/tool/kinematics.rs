@@ -125,11 +125,15 @@ fn smoothed(
         .collect())
 }
 
-/// Angular rate in body axes, from each sample's neighbours.
+/// Angular rate in body axes, from each sample's four neighbours, fourth order as the accelerations; from two near the ends.
 fn body_rates(rotations: &[UnitQuaternion<f64>], period: f64) -> Vec<Vector3<f64>> {
     let last = rotations.len() - 1;
     (0..rotations.len())
         .map(|i| {
+            if i >= 2 && i + 2 <= last {
+                let turn = |k: usize| (rotations[i - k].inverse() * rotations[i + k]).scaled_axis();
+                return (turn(1) * 8.0 - turn(2)) / (12.0 * period);
+            }
             let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
             (rotations[a].inverse() * rotations[b]).scaled_axis() / ((b - a).max(1) as f64 * period)
         })
