@@ -23,6 +23,8 @@ pub mod table;
 pub mod tables;
 mod topics;
 
+pub use cover::Uncovered;
+
 /// Something cannot be imported.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

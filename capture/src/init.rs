@@ -107,9 +107,6 @@ pub fn capture_toml(found: &Found) -> String {
             &about,
         );
     }
-    if found.is_empty() {
-        text.push_str("\n# Nothing is plugged in. See `ft-capture devices`; `ft-capture --sim` needs no device.\n");
-    }
     text
 }
 
@@ -354,10 +351,5 @@ mod tests {
                 assert!(Driver::by_name(taker).is_some(), "{taker}");
             }
         }
-    }
-
-    #[test]
-    fn nothing_plugged_in_says_so() {
-        assert!(capture_toml(&Found::default()).contains("--sim"));
     }
 }

@@ -658,7 +658,6 @@ fn recordings_of_one_name_do_not_hide_each_other_and_broken_archives_are_told() 
     assert!(text.matches("is there already").count() == 3, "{text}");
 }
 
-/// Splitmix64: seeded, for what is changed where.
 #[test]
 fn a_wrench_that_is_cut_in_the_middle_is_data_lost() {
     let style = Style {
@@ -679,6 +678,7 @@ fn a_wrench_that_is_cut_in_the_middle_is_data_lost() {
     assert!(text.contains(said) && text.contains(" to 30.0 s"), "{text}");
 }
 
+/// Splitmix64: seeded, for what is changed where.
 fn random(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;

@@ -67,7 +67,7 @@ impl Framer {
         (self.passed, self.missing) = (0, 0);
     }
 
-    /// How many frames as long as the newest the bytes were that were skipped before it, rounded: a byte too many or too few is no frame.
+    /// How many frames the bytes were that were skipped before the newest: of parts of frames, each counts.
     pub(crate) const fn take_missing(&mut self) -> u64 {
         core::mem::replace(&mut self.missing, 0)
     }
@@ -110,9 +110,7 @@ impl Framer {
                 Ok(Parsed::Complete { value, used }) => {
                     self.start = (self.start + used).min(self.end);
                     self.locked = true;
-                    let missing = (core::mem::take(&mut self.passed) + used / 2)
-                        .checked_div(used)
-                        .unwrap_or(0);
+                    let missing = frames_in(core::mem::take(&mut self.passed), used);
                     self.missing += u64::try_from(missing).unwrap_or(0);
                     return Found::Frame(value);
                 }
@@ -135,9 +133,30 @@ impl Framer {
     }
 }
 
+/// How many frames of `used` bytes so many skipped bytes were: what is lost of frames is lost in one piece, so that up to a quarter more
+/// is noise. A single byte is noise, too.
+const fn frames_in(passed: usize, used: usize) -> usize {
+    match passed.saturating_sub(used / 4) {
+        0 => (passed > 1) as usize,
+        rest if used > 0 => rest.div_ceil(used),
+        _ => 0,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_of_frames_count_as_frames() {
+        // Whole; cut; with a few bytes of noise; noise alone.
+        for (passed, frames) in [(28, 1), (8, 1), (27, 1), (33, 1), (2, 1), (1, 0), (0, 0)] {
+            assert_eq!(frames_in(passed, 28), frames, "{passed}");
+        }
+        // A piece of 14 bytes of two neighbours.
+        assert_eq!(frames_in(26, 20), 2);
+        assert_eq!(frames_in(84, 28), 3);
+    }
 
     /// Two bytes: 0x7E, then any value below 0x80.
     fn decode(bytes: &[u8]) -> Result<Parsed<u8>, DecodeError> {

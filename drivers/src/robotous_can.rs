@@ -63,8 +63,8 @@ pub struct RobotousCan {
     doubted: Option<Doubted>,
     /// The second half before.
     second: Option<([u8; 8], HostTime)>,
-    /// Second halves that may still come of samples that were refused.
-    orphans: u64,
+    /// Second halves that may still come of samples that were refused, for a period.
+    orphans: Orphans,
     gaps: u64,
     refused: u64,
     skipped: u64,
@@ -72,6 +72,22 @@ pub struct RobotousCan {
 
 /// What halves of two samples cost.
 const OF_TWO: u64 = 2;
+
+/// Second halves that wait for nobody.
+#[derive(Clone, Copy, Debug, Default)]
+struct Orphans {
+    left: u64,
+    until: HostTime,
+}
+
+impl Orphans {
+    /// Whether a half that comes alone is one of them.
+    fn take(&mut self, at: HostTime) -> bool {
+        let is_one = self.left > 0 && at < self.until;
+        self.left = if is_one { self.left - 1 } else { 0 };
+        is_one
+    }
+}
 
 /// Halves that may be of two samples, until the next first half tells.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +108,7 @@ impl RobotousCan {
             first: None,
             doubted: None,
             second: None,
-            orphans: 0,
+            orphans: Orphans::default(),
             gaps: 0,
             refused: 0,
             skipped: 0,
@@ -116,9 +132,7 @@ impl RobotousCan {
         let again = self.second.is_some_and(|(before, before_at)| {
             before == second && at.saturating_since(before_at) < self.period() / 2
         });
-        if self.orphans > 0 {
-            self.orphans -= 1;
-        } else if !again {
+        if !self.orphans.take(at) && !again {
             self.gaps += 1;
             self.protocol.tell_missing(1);
         }
@@ -135,7 +149,7 @@ impl RobotousCan {
                 if at.saturating_since(before_at) <= self.config.pairing_timeout =>
             {
                 self.first = None;
-                self.orphans = OF_TWO;
+                self.expect_orphans(OF_TWO, at);
                 self.refuse(OF_TWO);
             }
             Some(_) => {
@@ -143,7 +157,7 @@ impl RobotousCan {
                 self.first = Some((data, at));
             }
             None => {
-                self.orphans = 0;
+                self.orphans = Orphans::default();
                 self.first = Some((data, at));
             }
         }
@@ -154,12 +168,18 @@ impl RobotousCan {
             self.on_orphan(second, at);
             return Ok(());
         };
-        self.second = Some((second, at));
-        if at.saturating_since(first_at) > self.config.pairing_timeout {
+        let apart = at.saturating_since(first_at);
+        if apart > self.config.pairing_timeout {
             self.refuse(1);
-            self.skipped += u64::from(self.protocol.is_streaming());
+            if self.may_be_of_two(apart) {
+                self.on_orphan(second, at);
+            } else {
+                self.skipped += u64::from(self.protocol.is_streaming());
+            }
+            self.second = Some((second, at));
             return Ok(());
         }
+        self.second = Some((second, at));
         match wire::join(first, second) {
             Ok(response) => {
                 self.on_response(response, first_at, at);
@@ -176,7 +196,7 @@ impl RobotousCan {
     fn on_response(&mut self, response: Response, first_at: HostTime, second_at: HostTime) {
         let apart = second_at.saturating_since(first_at);
         // Answers of the set-up come alone.
-        if matches!(response, Response::Stream(_)) && apart > self.period() * 4 / 5 {
+        if matches!(response, Response::Stream(_)) && self.may_be_of_two(apart) {
             self.doubted = Some(Doubted {
                 response,
                 first_at,
@@ -201,6 +221,16 @@ impl RobotousCan {
         } else {
             self.refuse(OF_TWO);
         }
+    }
+
+    /// Whether halves so far apart may be of two samples.
+    fn may_be_of_two(&self, apart: Duration) -> bool {
+        apart > self.period() * 4 / 5
+    }
+
+    fn expect_orphans(&mut self, left: u64, at: HostTime) {
+        let until = at + self.period();
+        self.orphans = Orphans { left, until };
     }
 
     /// Time between two samples: the set-up has seen to it that the sensor has the configured rate.
@@ -228,8 +258,13 @@ impl Device for RobotousCan {
             }
             Err(error) => {
                 // Ours, but too short: whatever waited for it is lost with it.
-                self.orphans = u64::from(self.first.take().is_none());
-                self.refuse(1);
+                if self.first.take().is_some() {
+                    self.orphans = Orphans::default();
+                    self.refuse(1);
+                } else if !self.orphans.take(at) {
+                    self.expect_orphans(1, at);
+                    self.refuse(1);
+                }
                 Err(error)
             }
         }

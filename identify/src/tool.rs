@@ -107,11 +107,12 @@ impl ToolSamples {
             .wrench
             .first()
             .map_or(HostTime::EPOCH, |first| first.at);
+        let measured = fresh(&recording.wrench);
         let wrenches = || {
             let of = |s: &Stamped<[f64; 6]>| (s.at.seconds_since(start), s.value);
-            recording.wrench.iter().map(of)
+            measured.iter().map(of)
         };
-        let every = recording.wrench.len().div_ceil(MOST_SAMPLES);
+        let every = measured.len().div_ceil(MOST_SAMPLES);
         let wrench = Stream::averaged(wrenches(), every);
         let poses = thinned(
             fresh(&recording.pose.samples)

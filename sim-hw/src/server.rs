@@ -175,10 +175,10 @@ enum Outlet {
 /// Fails unless all `wanted` are devices on `bus`.
 fn is_there<'a>(
     simulation: &Simulation,
-    bus: &'static str,
+    (bus, is_can): (&'static str, bool),
     mut wanted: impl Iterator<Item = &'a String>,
 ) -> Result<(), ServeError> {
-    let on_bus = |kind: &SlotKind| matches!(kind, SlotKind::Can(_)) == (bus == "CAN");
+    let on_bus = |kind: &SlotKind| matches!(kind, SlotKind::Can(_)) == is_can;
     let slots = simulation.slots().iter().filter(|slot| on_bus(&slot.kind));
     let there: Vec<_> = slots.map(|slot| slot.fitted.name.as_str()).collect();
     match wanted.find(|device| !there.contains(&device.as_str())) {
@@ -208,8 +208,12 @@ impl Server {
         options: ServeOptions,
     ) -> Result<Self, ServeError> {
         let simulation = Simulation::live(scenario, seed, duration, clock)?;
-        is_there(&simulation, "a serial line", options.gadgets.keys())?;
-        is_there(&simulation, "CAN", options.candlelights.keys())?;
+        is_there(
+            &simulation,
+            ("a serial line", false),
+            options.gadgets.keys(),
+        )?;
+        is_there(&simulation, ("CAN", true), options.candlelights.keys())?;
         let mut ports = Vec::new();
         let mut outlets = Vec::new();
         for slot in simulation.slots() {

@@ -60,7 +60,8 @@ pub enum CalibrateError {
     },
     /// The wrench follows the motion of a tool of a mass below 0.
     #[error(
-        "the wrench follows the tool's motion to {:.0} %, with its signs reversed: force and torque must be what the environment does to the tool, and          the poses' z must point up; turn the signs of all six round (import-csv does by --negate), or set the poses upright", 100.0 * explained
+        "the wrench follows the tool's motion to {:.0} %, with its signs reversed: force and torque must be what the environment does to the tool, and \
+         the poses' z must point up; turn the signs of all six round (import-csv does by --negate), or set the poses upright", 100.0 * explained
     )]
     Reversed {
         /// Share of the wrench's variance, 0 to 1.

@@ -263,7 +263,7 @@ impl Problem {
         }
         let all = &covariance * spread_of_stationary(&rows, &residuals, noise) * &covariance;
         let slow = &covariance * spread_of(&scores, SLOW_ROWS) * &covariance;
-        let covariance = larger(all, &slow);
+        let covariance = widened(all, &slow, by_chance(rows.len(), SLOW_ROWS));
         let (rms, worth) = judged(&residuals);
         let next = Delay {
             offset_s: delay.offset_s + offset_at.map_or(0.0, |at| solution[at]),
@@ -366,11 +366,18 @@ fn spread_of(scores: &[DVector<f64>], correlated: usize) -> DMatrix<f64> {
     (&sum + sum.transpose()) * taken_away(scores.len(), width, correlated)
 }
 
-/// The covariance, each parameter widened to what the other says where that is more.
-fn larger(covariance: DMatrix<f64>, other: &DMatrix<f64>) -> DMatrix<f64> {
+/// How many times its mean [`spread_of`] may be by chance: two standard deviations of a sum with triangular weights.
+fn by_chance(rows: usize, correlated: usize) -> f64 {
+    let share = (correlated + 1) as f64 / rows.max(1) as f64;
+    1.0 + 2.0 * (4.0 / 3.0 * share).sqrt()
+}
+
+/// The covariance, each parameter widened to what the other says where that is more than `by_chance` times as much. The larger of
+/// the two throughout would be too wide for residuals of one kind.
+fn widened(covariance: DMatrix<f64>, other: &DMatrix<f64>, by_chance: f64) -> DMatrix<f64> {
     let widen = DVector::from_fn(covariance.nrows(), |k, _| {
         let ratio = other[(k, k)] / covariance[(k, k)].max(1e-300);
-        ratio.max(1.0).sqrt()
+        if ratio > by_chance { ratio.sqrt() } else { 1.0 }
     });
     DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
         covariance[(i, j)] * widen[i] * widen[j]

@@ -1,54 +1,99 @@
-//! Poses that have no wrench beside them.
+//! Poses that have no wrench beside them, and wrenches without poses.
+
+use std::fmt;
 
 use ft_recording::Stamped;
+use ft_wire::HostTime;
 
 /// Shorter stretches are how one device begins or ends before the other, s.
 const MIN_S: f64 = 2.0;
 
-/// Stretches of poses, s after the first wrench, that stand in a hole of the wrench, before its begin or after its end; of 2 s
-/// or more. Both by stamp.
-pub(super) fn without_wrench<W, P>(wrench: &[Stamped<W>], poses: &[Stamped<P>]) -> Vec<[f64; 2]> {
-    let (Some(start), Some(end)) = (wrench.first(), wrench.last()) else {
-        return Vec::new();
-    };
-    let at = |stamp: ft_wire::HostTime| stamp.seconds_since(start.at);
-    let (Some(first), Some(last)) = (poses.first(), poses.last()) else {
+/// Stretches of 2 s or more, s after the first wrench, in which one stream is there and the other is not.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Uncovered {
+    /// Poses in a hole of the wrench or after its end.
+    pub without_wrench: Vec<[f64; 2]>,
+    /// Wrenches in a hole of the poses or after their end.
+    pub without_pose: Vec<[f64; 2]>,
+    /// By how much the poses began after the first wrench, s, when by 2 s or more; before it below 0. Who starts late loses nothing.
+    pub poses_begin_s: Option<f64>,
+}
+
+impl Uncovered {
+    /// Both streams stand by stamp.
+    pub(super) fn of<W, P>(wrench: &[Stamped<W>], poses: &[Stamped<P>]) -> Self {
+        let (Some(start), Some(pose)) = (wrench.first(), poses.first()) else {
+            return Self::default();
+        };
+        let begin_s = pose.at.seconds_since(start.at);
+        Self {
+            without_wrench: without(wrench, poses, start.at),
+            without_pose: without(poses, wrench, start.at),
+            poses_begin_s: (begin_s.abs() >= MIN_S).then_some(begin_s),
+        }
+    }
+
+    pub(super) const fn lost_data(&self) -> bool {
+        !self.without_wrench.is_empty() || !self.without_pose.is_empty()
+    }
+}
+
+/// Stretches of `there`, s after `zero`, that stand in a hole of `missing` or after its end.
+fn without<M, T>(missing: &[Stamped<M>], there: &[Stamped<T>], zero: HostTime) -> Vec<[f64; 2]> {
+    let at = |stamp: HostTime| stamp.seconds_since(zero);
+    let (Some(end), Some(first), Some(last)) = (missing.last(), there.first(), there.last()) else {
         return Vec::new();
     };
     let (first, last) = (at(first.at), at(last.at));
     let is_inside = |[from, to]: [f64; 2]| {
-        let next = poses.partition_point(|pose| at(pose.at) <= from);
-        poses.get(next).is_some_and(|pose| at(pose.at) < to)
+        let next = there.partition_point(|sample| at(sample.at) <= from);
+        there.get(next).is_some_and(|sample| at(sample.at) < to)
     };
-    let holes = wrench
+    let holes = missing
         .windows(2)
-        .map(|pair| [at(pair[0].at), at(pair[1].at)])
+        .filter_map(|pair| match pair {
+            [a, b] => Some([at(a.at), at(b.at)]),
+            _ => None,
+        })
         .filter(|hole| is_inside(*hole))
         .map(|[from, to]| [from.max(first), to.min(last)]);
-    let ends = [[first, last.min(0.0)], [first.max(at(end.at)), last]];
-    let [before, after] = ends;
-    let all = [before].into_iter().chain(holes).chain([after]);
+    let after = [first.max(at(end.at)), last];
+    let all = holes.chain([after]);
     all.filter(|[from, to]| to - from >= MIN_S).collect()
 }
 
-/// What is said of them.
-pub(super) fn told(stretches: &[[f64; 2]]) -> Option<String> {
-    let texts: Vec<_> = stretches
-        .iter()
-        .map(|[from, to]| format!("{from:.1} to {to:.1} s"))
-        .collect();
-    (!texts.is_empty()).then(|| {
-        format!(
-            "NO WRENCH beside the poses from {} after the first wrench: is its file cut short?",
-            texts.join(", ")
-        )
-    })
+impl fmt::Display for Uncovered {
+    /// A line for each that there is, each begun by a line break.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let both = [
+            (&self.without_wrench, "WRENCH", "poses"),
+            (&self.without_pose, "POSES", "wrenches"),
+        ];
+        for (stretches, missing, there) in both {
+            if stretches.is_empty() {
+                continue;
+            }
+            let texts = stretches
+                .iter()
+                .map(|[from, to]| format!("{from:.1} to {to:.1} s"));
+            let texts = texts.collect::<Vec<_>>().join(", ");
+            write!(
+                f,
+                "\n  NO {missing} beside the {there} from {texts} after the first wrench: is its file cut short?"
+            )?;
+        }
+        match self.poses_begin_s {
+            Some(begin_s) if begin_s < 0.0 => {
+                write!(f, "\n  the wrench begins {:.1} s after the poses", -begin_s)
+            }
+            Some(begin_s) => write!(f, "\n  the poses begin {begin_s:.1} s after the wrench"),
+            None => Ok(()),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use ft_wire::HostTime;
-
     use super::*;
 
     fn stamps(parts: &[(i64, i64)]) -> Vec<Stamped<()>> {
@@ -65,23 +110,35 @@ mod tests {
     #[test]
     fn ends_and_holes_of_seconds_are_found_where_there_are_poses() {
         let poses = stamps(&[(0, 60_000)]);
-        let found = |wrench: &[(i64, i64)]| without_wrench(&stamps(wrench), &poses);
-        assert!(found(&[(0, 60_000)]).is_empty());
+        let found = |wrench: &[(i64, i64)]| Uncovered::of(&stamps(wrench), &poses);
+        assert_eq!(found(&[(0, 60_000)]), Uncovered::default());
         // A second at either end and in the middle is no loss.
-        assert!(found(&[(1_000, 20_000), (21_000, 59_000)]).is_empty());
+        let little = found(&[(1_000, 20_000), (21_000, 59_000)]);
+        assert_eq!(little, Uncovered::default());
         let near = |found: &[[f64; 2]], expected: &[[f64; 2]]| {
             let pairs = found.as_flattened().iter().zip(expected.as_flattened());
             found.len() == expected.len() && pairs.into_iter().all(|(a, b)| (a - b).abs() < 0.02)
         };
         let all = found(&[(3_000, 20_000), (25_000, 40_000)]);
+        let expected = [[17.0, 22.0], [37.0, 57.0]];
+        assert!(near(&all.without_wrench, &expected), "{all:?}");
+        assert_eq!(all.poses_begin_s, Some(-3.0));
+        assert!(all.without_pose.is_empty() && all.lost_data());
+        // The other way round; a late start alone loses nothing.
+        let short = Uncovered::of(&poses, &stamps(&[(5_000, 30_000), (34_000, 50_000)]));
+        let expected = [[30.0, 34.0], [50.0, 60.0]];
+        assert!(near(&short.without_pose, &expected), "{short:?}");
+        assert_eq!(short.poses_begin_s, Some(5.0));
         assert!(
-            near(&all, &[[-3.0, 0.0], [17.0, 22.0], [37.0, 57.0]]),
-            "{all:?}"
+            short.to_string().contains("NO POSES") && short.to_string().contains("begin 5.0 s")
         );
+        let late = Uncovered::of(&poses, &stamps(&[(5_000, 60_000)]));
+        assert!(!late.lost_data(), "{late:?}");
         // Where there are no poses either, nothing is missing beside them.
         let both = stamps(&[(0, 20_000), (25_000, 40_000)]);
-        assert!(without_wrench(&both, &both).is_empty());
-        assert!(without_wrench::<(), ()>(&[], &poses).is_empty());
-        assert!(without_wrench::<(), ()>(&poses, &[]).is_empty());
+        assert_eq!(Uncovered::of(&both, &both), Uncovered::default());
+        let none: &[Stamped<()>] = &[];
+        assert_eq!(Uncovered::of(none, &poses), Uncovered::default());
+        assert_eq!(Uncovered::of(&poses, none), Uncovered::default());
     }
 }

@@ -33,11 +33,12 @@ pub use search::{HoiPart, HoiParts, parts};
 use weigh::quiet_bias;
 
 use super::archive::Tree;
+use super::cover::Uncovered;
 pub use super::drift::Drift;
 use super::drift::{move_by, with_drift};
 use super::free_air::{NoFreeAir, free_air};
 use super::topics::{add_poses, add_rates, add_temperature, add_wrench, import_entries, true_at};
-use super::{ImportError, cover, plausible};
+use super::{ImportError, plausible};
 use crate::calibrate::{Alignment, Calibrated};
 use crate::config::Frames;
 use crate::encode::static_transforms;
@@ -131,10 +132,10 @@ pub fn import_part(part: &HoiPart, out: &Path, overwrite: bool) -> Result<HoiRep
         ("glasses and tool", &recording.aria_device_from_tcp),
         ("tool and sensor", &recording.tcp_from_ft_sensor),
     ]));
-    let without_wrench = cover::without_wrench(&recording.wrench, &recording.pose.samples);
+    let uncovered = Uncovered::of(&recording.wrench, &recording.pose.samples);
     let report = HoiReport {
         doubts,
-        without_wrench,
+        uncovered,
         gyro_check,
         name: part.name.clone(),
         path: out.to_owned(),

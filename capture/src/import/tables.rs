@@ -16,10 +16,11 @@ mod rows;
 
 pub use rows::RowCounts;
 
+use super::ImportError;
+use super::cover::Uncovered;
 use super::mps::SourceFile;
 use super::table::{Column, Table};
 use super::topics::{add_poses, add_wrench, import_entries, true_at};
-use super::{ImportError, cover};
 use crate::config::SaidFrames;
 use crate::encode::said_transforms;
 
@@ -78,8 +79,8 @@ pub struct TablesReport {
     pub samples: [u64; 2],
     /// Rows of wrench and poses that are left out.
     pub left_out: [u64; 2],
-    /// Stretches of 2 s or more, s after the first wrench, in which there are poses and no wrench.
-    pub without_wrench: Vec<[f64; 2]>,
+    /// Where one stream is there and the other is not.
+    pub uncovered: Uncovered,
     /// Why, of each.
     pub counts: [RowCounts; 2],
     /// What looks like other units.
@@ -125,7 +126,7 @@ pub fn import_tables(
         sources: vec![SourceFile::of(wrench)?, SourceFile::of(pose)?],
         samples: [samples.len() as u64, track.len() as u64],
         left_out: [of_wrench.left_out(), of_poses.left_out()],
-        without_wrench: cover::without_wrench(&samples, &track),
+        uncovered: Uncovered::of(&samples, &track),
         counts: [of_wrench, of_poses],
         doubts,
         times_made_up: matches!(options.time, RowTime::Rate(_)),
@@ -171,11 +172,11 @@ fn named<const N: usize>(
 }
 
 impl TablesReport {
-    /// Whether rows by another clock, or more than half of a table's rows, are missing, or poses have no wrench.
+    /// Whether rows by another clock, or more than half of a table's rows, are missing, or poses have no wrench or wrenches no pose.
     #[must_use]
     pub fn lost_data(&self) -> bool {
         self.lost_most()
-            || !self.without_wrench.is_empty()
+            || self.uncovered.lost_data()
             || self.counts.iter().any(|counts| counts.set_back > 0)
     }
 
@@ -221,9 +222,7 @@ impl fmt::Display for TablesReport {
         if self.lost_most() {
             write!(f, "\n  MORE THAN HALF of the rows of a table are left out")?;
         }
-        if let Some(text) = cover::told(&self.without_wrench) {
-            write!(f, "\n  {text}")?;
-        }
+        write!(f, "{}", self.uncovered)?;
         for doubt in &self.doubts {
             write!(f, "\n  doubtful: {doubt}")?;
         }

@@ -69,12 +69,6 @@ impl HidrawLink {
         })
     }
 
-    /// Reports that were longer than any that is read here, dropped.
-    #[must_use]
-    pub const fn oversized(&self) -> u64 {
-        self.oversized
-    }
-
     fn stamped(&self, frame: HidFrame) -> (HidFrame, RxStamps) {
         let arrival = self.clock.now();
         (frame, RxStamps { arrival })

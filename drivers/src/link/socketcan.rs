@@ -180,14 +180,25 @@ impl SocketCanLink {
     }
 }
 
+/// The two clocks are read within so much time of each other, or so often.
+const APART: Duration = Duration::from_micros(100);
+const MOST_READS: u32 = 5;
+
 #[allow(
     clippy::disallowed_methods,
     reason = "the kernel's stamps are on the system's clock"
 )]
 fn both_clocks(clock: &MonotonicClock) -> BothClocks {
-    BothClocks {
-        system_ns: since_epoch_ns(SystemTime::now()),
-        host: clock.now(),
+    let mut tries = 0;
+    loop {
+        let before = clock.now();
+        let system_ns = since_epoch_ns(SystemTime::now());
+        let host = clock.now();
+        tries += 1;
+        // A thread that was held up between the two would look like a step of the system's clock.
+        if host.saturating_since(before) < APART || tries == MOST_READS {
+            return BothClocks { system_ns, host };
+        }
     }
 }
 

@@ -318,10 +318,34 @@ fn halves_of_different_samples_never_join() {
         bench.device.counts(),
         Counts {
             received: 1,
+            gaps: 1,
             refused: 1,
             skipped: 1,
             ..Counts::default()
         }
+    );
+}
+
+#[test]
+fn second_halves_that_wait_for_nobody_are_expected_for_a_period() {
+    let mut bench = at_1_khz();
+    let before = bench.device.counts();
+    // The second half of 1 is lost: 1 and 2 are refused, and that of 2 waits for nobody. The first half of 3 is lost: a gap.
+    let micros = [0, 1_000, 130, 1_000];
+    let halves = [
+        numbered(1)[0],
+        numbered(2)[0],
+        numbered(2)[1],
+        numbered(3)[1],
+    ];
+    for (micros, half) in micros.into_iter().zip(halves) {
+        bench.advance(Duration::from_micros(micros));
+        bench.frame(&half).unwrap();
+    }
+    let counts = bench.device.counts();
+    assert_eq!(
+        (counts.refused - before.refused, counts.gaps - before.gaps),
+        (2, 1)
     );
 }
 

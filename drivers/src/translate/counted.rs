@@ -3,19 +3,21 @@
 //! The n-th sample was taken n periods after the first, so the number of samples is a device clock; [`OneWay`] translates it. The
 //! period is learned from the lower hull of the first arrivals, which bursts do not bend.
 //!
-//! Samples that the driver knows to be lost are put on the count ([`Counted::pass`]). One that was lost without a trace leaves the count a
-//! period behind: from then on even the promptest sample of each short window comes later than before. By how much is rounded to
-//! whole periods and put on the count. A count that was put too far shows at the first prompt sample, which would come too early: for half a
-//! minute such a sample takes it back. On a link in bursts nothing is learned meanwhile, so that the line stays true.
+//! Samples that the driver knows to be lost are put on the count ([`Counted::pass`]). One that was lost without a trace leaves the
+//! count a period behind: from then on even the promptest sample of each short window comes later than before. By how much is rounded
+//! to whole periods and put on the count, on a prompt link; elsewhere only what is more than a period, because a link that polls is
+//! late by up to that. A count that was put too far shows at the first prompt sample, which would come too early: for half a minute
+//! such a sample takes it back. Nothing is learned meanwhile, so that the line stays true.
+//!
+//! What is not known is part of the spread: by how much the promptest of the newest samples was late, because the count may be
+//! behind by it, and the periods that were put on without being told, while they may be taken back.
 //!
 //! Samples that are lost without a trace while the period is learned make it wrong. By more than a skew can be: then the skew stands at its
 //! bound, stamps are arrivals or too early, and after five seconds the period is mended by what the hull shows ([`Counted::mended`]
 //! tells how often).
 //!
-//! A link is even when the samples of a window are about equally late; on others a single loss in the first ten seconds is not seen, and of a loss
-//! while the promptest samples come nearly in time although they may come up to a period late (bursts) only what their phase shows
-//! later. By how much the promptest sample of the last window was late is part of the spread: the count may be behind by it. Uneven
-//! sampling is taken for jitter of the link.
+//! It cannot see a silent loss in its first ten seconds otherwise, and of one on a link that polls, or that has not been prompt for two
+//! minutes yet, only the spread tells. Uneven sampling is taken for jitter of the link.
 
 use core::time::Duration;
 
@@ -38,14 +40,9 @@ const PROBATION: Duration = Duration::from_secs(30);
 /// Losses are looked for in windows of so much time and so many samples.
 const WINDOW: Duration = Duration::from_millis(200);
 const WINDOW_SAMPLES: u32 = 8;
-/// A link is called even after so many windows whose samples were late by less than this share of a period on average, beside
-/// the promptest of each; another window takes so many from it, of at most so many.
-const EVEN_WINDOWS: u32 = 15;
-const EVEN: f64 = 0.2;
-const UNEVEN_COSTS: u32 = 2;
-const MOST_EVEN: u32 = 40;
-/// How late the promptest sample of a window comes there, in periods.
-const USUAL_OF_EVEN: f64 = 0.1;
+/// Lateness is the least of so much time, and so many samples: the ends of bursts are in it.
+const RECENT: Duration = Duration::from_millis(20);
+const RECENT_SAMPLES: u32 = 8;
 /// A link is called prompt when over so many windows the promptest sample of each was less late than this share of a period.
 const PROMPT_WINDOWS: u32 = 600;
 const PROMPT: f64 = 0.3;
@@ -67,12 +64,16 @@ pub struct Counted {
     most: (f64, u32),
     /// That of the window before, as it came.
     before: Option<f64>,
-    /// Even windows, less what others cost.
-    even: u32,
+    /// The newest samples.
+    recent: Option<Window>,
+    /// How late the promptest of those before was, in periods.
+    recent_least: f64,
     /// Samples that the driver knows to be lost since the newest.
     passed: f64,
-    /// What was put on the count may still be too much.
-    doubted: Option<Doubted>,
+    /// Periods that the driver knew of, which may be too many.
+    told: Doubted,
+    /// Periods that lateness told.
+    guessed: Doubted,
     /// Until when the line is held after a loss.
     held_until: Option<HostTime>,
     /// Spread of the newest translation.
@@ -84,13 +85,32 @@ pub struct Counted {
     periods: u32,
 }
 
-/// The promptest sample since a window began, and how late all were.
+/// The promptest sample since a window began.
 #[derive(Clone, Copy, Debug)]
 struct Window {
     since: HostTime,
     samples: u32,
     least_ns: f64,
-    sum_ns: f64,
+}
+
+impl Window {
+    /// With one more sample.
+    fn with(window: Option<Self>, arrival: HostTime, late_ns: f64) -> Self {
+        let window = window.unwrap_or(Self {
+            since: arrival,
+            samples: 0,
+            least_ns: late_ns,
+        });
+        Self {
+            samples: window.samples + 1,
+            least_ns: window.least_ns.min(late_ns),
+            ..window
+        }
+    }
+
+    fn is_full(&self, arrival: HostTime, samples: u32, time: Duration) -> bool {
+        self.samples >= samples && arrival.saturating_since(self.since) >= time
+    }
 }
 
 /// Periods put on the count, and until when an early sample may take them back.
@@ -98,6 +118,33 @@ struct Window {
 struct Doubted {
     until: HostTime,
     periods: f64,
+}
+
+impl Doubted {
+    const NONE: Self = Self {
+        until: HostTime::EPOCH,
+        periods: 0.0,
+    };
+
+    fn add(&mut self, periods: f64, arrival: HostTime) {
+        *self = Self {
+            until: arrival + PROBATION,
+            periods: self.periods + periods,
+        };
+    }
+
+    fn forget_the_old(&mut self, arrival: HostTime) {
+        if arrival > self.until {
+            *self = Self::NONE;
+        }
+    }
+
+    /// Takes so many back, of those that are there.
+    fn take(&mut self, periods: f64) -> f64 {
+        let taken = periods.clamp(0.0, self.periods);
+        self.periods -= taken;
+        taken
+    }
 }
 
 /// A sample on the clock of counts.
@@ -136,9 +183,11 @@ impl Counted {
             usual: 1.0,
             most: (0.0, 0),
             before: None,
-            even: 0,
+            recent: None,
+            recent_least: 0.0,
             passed: 0.0,
-            doubted: None,
+            told: Doubted::NONE,
+            guessed: Doubted::NONE,
             held_until: None,
             spread: Duration::ZERO,
             newest: HostTime::EPOCH,
@@ -159,9 +208,10 @@ impl Counted {
         self.clock.reset();
         self.learning.clear();
         (self.samples, self.device_ns, self.period_ns) = (0, 0.0, None);
-        (self.window, self.before, self.held_until) = (None, None, None);
+        self.look_anew();
+        self.held_until = None;
         (self.usual, self.most) = (1.0, (0.0, 0));
-        (self.even, self.passed, self.doubted) = (0, 0.0, None);
+        (self.told, self.guessed, self.passed) = (Doubted::NONE, Doubted::NONE, 0.0);
         self.newest = HostTime::EPOCH;
     }
 
@@ -193,7 +243,10 @@ impl Counted {
         };
         self.device_ns += period_ns;
         let passed = core::mem::take(&mut self.passed);
-        self.put_on(passed, period_ns, arrival);
+        if passed > 0.0 {
+            self.device_ns += passed * period_ns;
+            self.told.add(passed, arrival);
+        }
         self.look_for_losses(arrival, period_ns);
         let device_ns = whole(self.device_ns);
         let translated = match self.held(device_ns, arrival) {
@@ -203,8 +256,9 @@ impl Counted {
         let at = translated.at.max(self.newest).min(arrival);
         self.newest = at;
         let periods = self.periods;
-        let behind = self.before.unwrap_or(0.0).max(0.0) * period_ns * 1e-9;
-        let spread = translated.spread.as_secs_f64().hypot(behind).min(1e6);
+        let behind = self.before.unwrap_or(0.0).max(self.recent_least).max(0.0);
+        let unsure_s = behind.hypot(self.guessed.periods) * period_ns * 1e-9;
+        let spread = translated.spread.as_secs_f64().hypot(unsure_s).min(1e6);
         self.spread = Duration::from_secs_f64(spread);
         self.mend(device_ns, period_ns);
         Some(CountedInstant {
@@ -217,25 +271,10 @@ impl Counted {
         })
     }
 
-    /// Puts lost samples on the count.
-    fn put_on(&mut self, lost: f64, period_ns: f64, arrival: HostTime) {
-        if lost > 0.0 {
-            self.device_ns += lost * period_ns;
-            let before = self.doubted.map_or(0.0, |doubted| doubted.periods);
-            self.doubted = Some(Doubted {
-                until: arrival + PROBATION,
-                periods: before + lost,
-            });
-        }
-    }
-
-    /// Whether the line is known so well that lateness is a loss.
-    fn is_trusted(&self) -> bool {
-        self.is_even() || self.clock.active.span_s() >= TRUSTED_S
-    }
-
-    const fn is_even(&self) -> bool {
-        self.even >= EVEN_WINDOWS
+    /// After the count or the line became another.
+    fn look_anew(&mut self) {
+        (self.window, self.before) = (None, None);
+        (self.recent, self.recent_least) = (None, 0.0);
     }
 
     fn learn(&mut self, arrival: HostTime) {
@@ -269,7 +308,7 @@ impl Counted {
         self.period_ns = Some(period_ns * (1.0 + slope));
         self.clock.reset();
         self.clock.observe(device_ns, at);
-        (self.window, self.before) = (None, None);
+        self.look_anew();
         (self.usual, self.most) = (1.0, (0.0, 0));
         self.mended = self.mended.saturating_add(1);
         self.periods = self.periods.wrapping_add(1);
@@ -307,51 +346,57 @@ impl Counted {
         let Some(line) = self.clock.line else { return };
         let predicted = line.at(whole(self.device_ns));
         let late_ns = arrival.as_nanos().saturating_sub(predicted) as f64;
-        let trusted = self.is_trusted();
-        self.doubted = self.doubted.filter(|doubted| arrival <= doubted.until);
-        if let Some(doubted) = &mut self.doubted
-            && trusted
-            && late_ns < -0.25 * period_ns
-        {
-            let too_many = (-late_ns / period_ns - 0.25).ceil().min(doubted.periods);
-            self.device_ns -= too_many * period_ns;
-            doubted.periods -= too_many;
-            (self.window, self.before) = (None, None);
-            // It was no loss but the phase of bursts.
-            (self.usual, self.most) = (1.0, (0.0, 0));
+        let trusted = self.clock.active.span_s() >= TRUSTED_S;
+        self.told.forget_the_old(arrival);
+        self.guessed.forget_the_old(arrival);
+        if trusted && self.take_back(-late_ns / period_ns, period_ns, line) {
             return;
         }
-        let mut window = self.window.unwrap_or(Window {
-            since: arrival,
-            samples: 0,
-            least_ns: late_ns,
-            sum_ns: 0.0,
-        });
-        window.samples += 1;
-        window.sum_ns += late_ns;
-        window.least_ns = window.least_ns.min(late_ns);
+        let recent = Window::with(self.recent, arrival, late_ns);
+        self.recent = Some(recent);
+        if recent.is_full(arrival, RECENT_SAMPLES, RECENT) {
+            self.recent = None;
+            self.recent_least = recent.least_ns / period_ns;
+        }
+        let window = Window::with(self.window, arrival, late_ns);
         self.window = Some(window);
-        if window.samples < WINDOW_SAMPLES || arrival.saturating_since(window.since) < WINDOW {
+        if !window.is_full(arrival, WINDOW_SAMPLES, WINDOW) {
             return;
         }
         self.window = None;
         let least = window.least_ns / period_ns;
-        let mean = window.sum_ns / f64::from(window.samples) / period_ns;
-        self.even = if mean - least < EVEN {
-            (self.even + 1).min(MOST_EVEN)
-        } else {
-            self.even.saturating_sub(UNEVEN_COSTS)
-        };
         let lost = if trusted { self.lost(least) } else { 0.0 };
         if lost > 0.0 {
-            self.put_on(lost, period_ns, arrival);
-            if !self.is_even() {
-                self.held_until = Some(arrival + PROBATION);
-            }
+            self.device_ns += lost * period_ns;
+            self.guessed.add(lost, arrival);
+            self.recent_least -= lost;
+            self.held_until = Some(arrival + PROBATION);
         } else {
             self.judge_promptness(least);
         }
         self.before = Some(least - lost);
+    }
+
+    /// Takes back what a sample that comes so many periods early shows to be too much: of what was guessed, as soon as it does; of what
+    /// the driver told, whole periods, because a link may become faster by a part of one. Whether it did.
+    fn take_back(&mut self, early: f64, period_ns: f64, line: Line) -> bool {
+        let guessed = self.guessed.take((early - 0.25).ceil());
+        let told = self.told.take((early - guessed - 0.1).round());
+        let back = guessed + told;
+        if back == 0.0 {
+            return false;
+        }
+        self.device_ns -= back * period_ns;
+        self.look_anew();
+        if guessed > 0.0 {
+            // It was no loss but the phase of bursts.
+            (self.usual, self.most) = (1.0, (0.0, 0));
+        }
+        if self.held_until.is_none() {
+            // The line has learned the count as it was.
+            self.begin_from(line, whole(self.device_ns));
+        }
+        true
     }
 
     fn judge_promptness(&mut self, least: f64) {
@@ -366,11 +411,7 @@ impl Counted {
     /// How many samples were lost when a window's promptest sample is `least` periods late. A step from the window before tells it,
     /// unless the phase of bursts may have begun anew; else the fewest that explain it count.
     fn lost(&self, least: f64) -> f64 {
-        let usual = if self.is_even() {
-            self.usual.min(USUAL_OF_EVEN)
-        } else {
-            self.usual
-        };
+        let usual = self.usual;
         let before = self.before.unwrap_or(least);
         let step = least - before;
         if step > 0.5 && least > usual + 0.15 && before > 0.4 * usual - 0.05 {

@@ -14,7 +14,10 @@ pub fn steps<T>(samples: &[T], is_same: impl Fn(&T, &T) -> bool) -> impl Iterato
     first_differs
         .then_some(0)
         .into_iter()
-        .chain(later.filter_map(move |(i, pair)| (!is_same(&pair[0], &pair[1])).then_some(i + 1)))
+        .chain(later.filter_map(move |(i, pair)| match pair {
+            [a, b] if !is_same(a, b) => Some(i + 1),
+            _ => None,
+        }))
 }
 
 /// A value that stays for longer than this many periods stands still itself.

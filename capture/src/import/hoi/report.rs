@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::Drift;
 use crate::calibrate::Alignment;
 use crate::gyro::GyroCheck;
-use crate::import::cover;
+use crate::import::cover::Uncovered;
 use crate::import::mps::{SourceFile, TrajectoryCounts};
 use crate::import::order::SET_BACK;
 
@@ -25,8 +25,8 @@ pub struct HoiReport {
     pub left_out: u64,
     /// Of these, wrenches by a clock that was set back, or by the one before it.
     pub set_back: u64,
-    /// Stretches of 2 s or more, s after the first wrench, in which there are poses and no wrench.
-    pub without_wrench: Vec<[f64; 2]>,
+    /// Where one stream is there and the other is not.
+    pub uncovered: Uncovered,
     /// What the trajectory has and what of it was left out.
     pub counts: TrajectoryCounts,
     /// Where the calibration comes from.
@@ -68,13 +68,13 @@ pub enum HoiCalibration {
 }
 
 impl HoiReport {
-    /// Whether a stretch by another clock, or more than half, of the wrench or of the trajectory is missing, or poses have no wrench.
+    /// Whether a stretch by another clock, or more than half, of the wrench or of the trajectory is missing, or poses have no wrench or wrenches no pose.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
         self.set_back > 0
             || self.counts.lost_data()
             || self.lost_most()
-            || !self.without_wrench.is_empty()
+            || self.uncovered.lost_data()
     }
 
     const fn lost_most(&self) -> bool {
@@ -130,9 +130,7 @@ impl fmt::Display for HoiReport {
                 "\n  MORE THAN HALF of the rows of the wrench or the trajectory are left out"
             )?;
         }
-        if let Some(text) = cover::told(&self.without_wrench) {
-            write!(f, "\n  {text}")?;
-        }
+        write!(f, "{}", self.uncovered)?;
         match &self.calibration {
             HoiCalibration::FreeAir { from_s, until_s } => write!(
                 f,
