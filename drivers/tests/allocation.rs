@@ -1,5 +1,5 @@
 //! A stream that runs allocates nothing: link, pump, driver and clock translation together, and every codec by itself.
-#![allow(missing_docs, reason = "a test")]
+#![allow(missing_docs, clippy::unwrap_used, reason = "a test")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -205,9 +205,9 @@ pub(crate) fn level(motion: &Motion, series: &[f64]) -> Vec<f64> {
             let [before, after] = [outside(from.wrapping_sub(1)), outside(to)];
             let before = before.or(after).unwrap_or(0.0);
             let after = after.unwrap_or(before);
-            for i in from..to {
-                let share = (i + 1 - from) as f64 / (to + 1 - from) as f64;
-                out[i] = before + share * (after - before);
+            for (k, between) in out[from..to].iter_mut().enumerate() {
+                let share = (k + 1) as f64 / (to + 1 - from) as f64;
+                *between = before + share * (after - before);
             }
         }
     }

@@ -79,7 +79,11 @@ impl Service {
                 log.matches(what).count() >= times
             });
         }));
-        assert!(patience.is_ok(), "no {what:?}, {times} times, in: {log}");
+        assert!(
+            patience.is_ok(),
+            "no {what:?}, {times} times, in: {log}; meanwhile here: {}",
+            where_threads_are()
+        );
     }
 
     /// Ends it; its recording is read by [`Recorded::by`].
@@ -181,6 +185,19 @@ fn candle_replugged() {
 fn listen() {
     let clock = MonotonicClock::anchored_now();
     clock.wait_until(clock.now() + Duration::from_secs(2));
+}
+
+/// Where each thread of this program, the simulated devices among them, is in the kernel.
+fn where_threads_are() -> String {
+    let tasks = fs::read_dir("/proc/self/task").unwrap().flatten();
+    let each = tasks.map(|task| {
+        let read = |name: &str| fs::read_to_string(task.path().join(name)).unwrap_or_default();
+        let frames = read("stack");
+        let frames = frames.lines().filter_map(|line| line.split(' ').nth(1));
+        let frames: Vec<_> = frames.take(6).collect();
+        format!("{} in {}", read("comm").trim(), frames.join(" < "))
+    });
+    each.collect::<Vec<_>>().join("; ")
 }
 
 /// What the service wrote of its only device, in the order of the file; times are `log_time`, ns.

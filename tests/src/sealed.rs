@@ -21,7 +21,7 @@ pub const LARGE: f64 = 2.0;
 pub enum Place {
     /// Named, and the strongest.
     First,
-    /// In the ambiguous set of the strongest.
+    /// In the ambiguous set of the strongest, or nowhere but in that of the object's own mechanism.
     Among,
     /// Named or in an ambiguous set, after another one.
     Later,
@@ -47,7 +47,7 @@ pub struct Judged {
     pub moved: [f64; 2],
     /// Names given, with their ambiguous sets.
     pub named: Vec<Named>,
-    /// The first of them that is not the object's own mechanism.
+    /// The first of them that is not the object's own mechanism; of this, what looks like the truth when nothing else does.
     pub first: Option<Named>,
     /// Best place of a true effect.
     pub place: Place,
@@ -78,16 +78,18 @@ impl Judged {
         let expected: Vec<&'static str> = truth.effects.iter().map(|effect| effect.name).collect();
         let named = names(report);
         let right = |entry: &&Named| expected.iter().any(|name| holds(entry, name));
-        // The object's own mechanism is no false effect, and may well be the stronger one.
-        let others: Vec<&Named> = named
-            .iter()
-            .filter(|entry| right(entry) || !truth.mechanism_effects.contains(&entry.0))
-            .collect();
-        let place = match others.iter().position(right) {
-            Some(0) if expected.contains(&others[0].0) => Place::First,
-            Some(0) => Place::Among,
-            Some(_) => Place::Later,
-            None => Place::Missed,
+        // The object's own mechanism is no false effect, and may well be the stronger one; what was added to it may look like it.
+        let (own, others): (Vec<&Named>, Vec<&Named>) = named.iter().partition(|entry| {
+            truth.mechanism_effects.contains(&entry.0) && !expected.contains(&entry.0)
+        });
+        let like_own = own.into_iter().find(right);
+        let first = others.first().copied();
+        let (place, first) = match others.iter().position(right) {
+            Some(0) if expected.contains(&others[0].0) => (Place::First, first),
+            Some(0) => (Place::Among, first),
+            Some(_) => (Place::Later, first),
+            None if like_own.is_some() => (Place::Among, like_own),
+            None => (Place::Missed, first),
         };
         let smallest = |of: &dyn Fn(&SealedEffect) -> f64| {
             truth.effects.iter().map(of).fold(f64::INFINITY, f64::min) / floor
@@ -100,7 +102,7 @@ impl Judged {
                 smallest(&|effect| effect.alone.main.moved_rms),
                 smallest(&|effect| effect.alone.main.unabsorbed_rms),
             ],
-            first: others.first().map(|entry| (*entry).clone()),
+            first: first.cloned(),
             place,
             found: expected
                 .iter()

@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn an_even_stream_explains_no_gap_however_many_it_has() {
         for every in [2, 5, 50] {
-            let gap = |k: usize| if k % every == 0 { 3.0 } else { 1.0 };
+            let gap = |k: usize| if k.is_multiple_of(every) { 3.0 } else { 1.0 };
             let wobble = |k: usize| 0.02 * ((7 * k % 11) as f64 - 5.0);
             let intervals = (0..500).map(|k| gap(k) + wobble(k));
             assert_eq!(longest_by_jitter(&sorted(intervals.collect()), 1.0), 0.0);

@@ -122,21 +122,15 @@ impl CandleLight {
         };
         let answers = shared.clone();
         start("control", Box::new(move || answer(&answers, &control)))?;
-        let (giver, path, left) = (shared.clone(), folder.join("ep1"), waiting.clone());
-        start(
-            "in",
-            Box::new(move || give(&giver, &path, &outgoing, &left)),
-        )?;
-        let (taker, path, echo, count) = (
-            shared.clone(),
-            folder.join("ep2"),
-            to_host.clone(),
-            waiting.clone(),
-        );
+        let [to, from] = ["ep1", "ep2"].map(|name| endpoint(&folder.join(name)).map_err(failed));
+        let (to, from) = (to?, from?);
+        let (giver, left) = (shared.clone(), waiting.clone());
+        start("in", Box::new(move || give(&giver, &to, &outgoing, &left)))?;
+        let (taker, echo, count) = (shared.clone(), to_host.clone(), waiting.clone());
         start(
             "out",
             Box::new(move || {
-                take(&taker, &path, &incoming, |bytes| {
+                take(&taker, &from, &incoming, |bytes| {
                     count.fetch_add(1, Ordering::Relaxed);
                     let _ = echo.send(bytes);
                 });
@@ -325,14 +319,13 @@ fn nap(shared: &Shared) {
 }
 
 /// Hands frames to the host.
-fn give(shared: &Shared, path: &PathBuf, outgoing: &Receiver<Vec<u8>>, waiting: &AtomicUsize) {
-    let Ok(endpoint) = endpoint(path) else { return };
+fn give(shared: &Shared, endpoint: &OwnedFd, outgoing: &Receiver<Vec<u8>>, waiting: &AtomicUsize) {
     while !shared.is_stopped() {
         match outgoing.recv_timeout(Duration::from_millis(100)) {
             Ok(bytes) => {
                 waiting.fetch_sub(1, Ordering::Relaxed);
                 // Unplugged: it is for nobody.
-                let _ = write(&endpoint, &bytes);
+                let _ = write(endpoint, &bytes);
             }
             Err(mpsc::RecvTimeoutError::Timeout) => {}
             Err(mpsc::RecvTimeoutError::Disconnected) => return,
@@ -341,11 +334,10 @@ fn give(shared: &Shared, path: &PathBuf, outgoing: &Receiver<Vec<u8>>, waiting: 
 }
 
 /// Takes the host's frames onto the bus, and gives their tags back.
-fn take(shared: &Shared, path: &PathBuf, incoming: &Sender<CanFrame>, echo: impl Fn(Vec<u8>)) {
-    let Ok(endpoint) = endpoint(path) else { return };
+fn take(shared: &Shared, endpoint: &OwnedFd, incoming: &Sender<CanFrame>, echo: impl Fn(Vec<u8>)) {
     let mut bytes = [0; 512];
     while !shared.is_stopped() {
-        let Ok(length @ 20..) = read(&endpoint, &mut bytes) else {
+        let Ok(length @ 20..) = read(endpoint, &mut bytes) else {
             nap(shared);
             continue;
         };
