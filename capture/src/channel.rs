@@ -10,7 +10,7 @@ use ft_drivers::link::RxStamps;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::pump::Outlet;
 use ft_drivers::reading::{DeviceEvent, Quality, Reading, SampleInstant};
-use ft_drivers::translate::{ClockStatus, Counted, OneWay, OneWayConfig};
+use ft_drivers::translate::{ClockStatus, Counted, Handover, OneWay, OneWayConfig};
 use ft_wire::HostTime;
 
 use crate::item::{Body, Item, RawBytes};
@@ -84,8 +84,8 @@ impl<I: Intake> Channel<I> {
 
     /// The device samples evenly, so that the number of its samples is a clock where it has none.
     #[must_use]
-    pub fn sampling_evenly(mut self, evenly: bool) -> Self {
-        self.counted = evenly.then(|| Counted::new(config(self.link_delay)));
+    pub fn sampling_evenly(mut self, evenly: Option<Handover>) -> Self {
+        self.counted = evenly.map(|handover| Counted::new(config(self.link_delay), handover));
         self
     }
 
@@ -234,8 +234,8 @@ mod tests {
     /// 12 s on, the largest in us, and what was warned of. The driver `knows` of the losses or not.
     fn seen(lost: core::ops::Range<i64>, knows: bool) -> (f64, Vec<String>) {
         let mut taken = Taken::default();
-        let mut channel =
-            Channel::new(0, &mut taken, Arc::default(), Duration::ZERO).sampling_evenly(true);
+        let mut channel = Channel::new(0, &mut taken, Arc::default(), Duration::ZERO)
+            .sampling_evenly(Some(Handover::Polled));
         for k in 0..2_000_i64 {
             if lost.contains(&k) {
                 if knows {

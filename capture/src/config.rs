@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
+use ft_drivers::translate::Handover;
 use ft_recording::calibration::Calibration;
 use serde::{Deserialize, Serialize};
 
@@ -114,13 +115,15 @@ impl Driver {
         matches!(self, Self::Leptrino | Self::AtiNetcanoem | Self::HidAxis)
     }
 
-    /// Whether the device sends samples at its own even pace without a clock or a counter, so that their number is one.
+    /// How what the device sends is handed over, where it samples at its own even pace without a clock or a counter, so that the
+    /// number of its samples is one.
     #[must_use]
-    pub const fn samples_evenly(self) -> bool {
-        matches!(
-            self,
-            Self::RobotousCan | Self::RobotousUart | Self::KunweiKwr75 | Self::Leptrino
-        )
+    pub const fn samples_evenly(self) -> Option<Handover> {
+        match self {
+            Self::RobotousCan => Some(Handover::Prompt),
+            Self::RobotousUart | Self::KunweiKwr75 | Self::Leptrino => Some(Handover::Polled),
+            _ => None,
+        }
     }
 
     /// As in the configuration.

@@ -63,7 +63,7 @@ pub struct RobotousCan {
     doubted: Option<Doubted>,
     /// The second half before.
     second: Option<([u8; 8], HostTime)>,
-    /// Second halves that may still come of samples that were refused, for a period.
+    /// Second halves that may still come of samples that were refused.
     orphans: Orphans,
     gaps: u64,
     refused: u64,
@@ -229,7 +229,7 @@ impl RobotousCan {
     }
 
     fn expect_orphans(&mut self, left: u64, at: HostTime) {
-        let until = at + self.period();
+        let until = at + self.period() * 4 / 5;
         self.orphans = Orphans { left, until };
     }
 

@@ -26,7 +26,7 @@ mod counted;
 mod hull;
 mod smooth;
 
-pub use counted::{Counted, CountedInstant};
+pub use counted::{Counted, CountedInstant, Handover};
 use hull::{Hull, Line};
 pub use smooth::smooth;
 

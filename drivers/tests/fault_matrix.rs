@@ -31,8 +31,8 @@ nothing counts that. `kept` means that nothing is lost or changed: every sample 
 (a device without a clock cannot tell the order); of `unplugged`, every sample that was whole before the plug was pulled and that was sent
 after it was back (what was sent meanwhile is known to nobody; `ft-capture` counts an interruption). `blind` means that the device sends nothing by
 which its driver could know (no counter, no clock): only samples that were really sent come out, but the loss or doubling is not counted.
-Where such a device samples evenly, its stamps show later that whole periods are missing, and go on by them; that is an estimate, which
-no counter holds.
+Where such a device samples evenly, its stamps show later that whole periods are missing, and go on by them (on a link that polls, of
+single ones only what the spread tells); that is an estimate, which no counter holds.
 `bus` means that the bus itself excludes the fault (CAN's and USB's own checks, order within a poll). `-` means that the device has no such thing.
 In every cell every sample delivered as good is one that the device sent, whole and unchanged, with one exception: `kunwei_kwr75` has no
 check sum, and of its corrupted samples those come through that differ by less than the limits of a step (20 N, 2 N m).

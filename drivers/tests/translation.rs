@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use ft_drivers::translate::{Counted, OneWay, OneWayConfig, smooth};
+use ft_drivers::translate::{Counted, Handover, OneWay, OneWayConfig, smooth};
 use ft_wire::HostTime;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -281,7 +281,11 @@ fn an_hour_of_each_link_is_translated_to_the_tables_bounds() {
 /// Samples without clock or counter, some of them lost: 99th percentiles of arrival and translation from 10 s on, us.
 fn run_counted(bus: Bus, ppm: f64, lost: &[(i64, i64)], seed: u64) -> (f64, f64) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut translator = Counted::new(OneWayConfig::default());
+    let handover = match bus {
+        Bus::Can => Handover::Prompt,
+        _ => Handover::Polled,
+    };
+    let mut translator = Counted::new(OneWayConfig::default(), handover);
     let mut errors: [Vec<f64>; 2] = Default::default();
     let (mut last, mut settled_from, mut was_reset) = (BOOT, SETTLE_S * SECOND, false);
     let true_at = |sample: i64| BOOT + sample * MS + (1e-6 * ppm * (sample * MS) as f64) as i64;

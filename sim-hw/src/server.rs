@@ -64,6 +64,24 @@ pub struct ServedPort {
     pub port: Port,
 }
 
+/// What a device is connected to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bus {
+    /// A serial line.
+    Serial,
+    /// CAN.
+    Can,
+}
+
+impl std::fmt::Display for Bus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Serial => "a serial line",
+            Self::Can => "CAN",
+        })
+    }
+}
+
 /// Why the devices cannot be served.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -107,7 +125,7 @@ pub enum ServeError {
         /// The device.
         device: String,
         /// What it would have to be on.
-        bus: &'static str,
+        bus: Bus,
         /// The devices that are.
         there: String,
     },
@@ -175,10 +193,10 @@ enum Outlet {
 /// Fails unless all `wanted` are devices on `bus`.
 fn is_there<'a>(
     simulation: &Simulation,
-    (bus, is_can): (&'static str, bool),
+    bus: Bus,
     mut wanted: impl Iterator<Item = &'a String>,
 ) -> Result<(), ServeError> {
-    let on_bus = |kind: &SlotKind| matches!(kind, SlotKind::Can(_)) == is_can;
+    let on_bus = |kind: &SlotKind| matches!(kind, SlotKind::Can(_)) == (bus == Bus::Can);
     let slots = simulation.slots().iter().filter(|slot| on_bus(&slot.kind));
     let there: Vec<_> = slots.map(|slot| slot.fitted.name.as_str()).collect();
     match wanted.find(|device| !there.contains(&device.as_str())) {
@@ -208,12 +226,8 @@ impl Server {
         options: ServeOptions,
     ) -> Result<Self, ServeError> {
         let simulation = Simulation::live(scenario, seed, duration, clock)?;
-        is_there(
-            &simulation,
-            ("a serial line", false),
-            options.gadgets.keys(),
-        )?;
-        is_there(&simulation, ("CAN", true), options.candlelights.keys())?;
+        is_there(&simulation, Bus::Serial, options.gadgets.keys())?;
+        is_there(&simulation, Bus::Can, options.candlelights.keys())?;
         let mut ports = Vec::new();
         let mut outlets = Vec::new();
         for slot in simulation.slots() {

@@ -21,7 +21,7 @@ pub const LARGE: f64 = 2.0;
 pub enum Place {
     /// Named, and the strongest.
     First,
-    /// In the ambiguous set of the strongest, or nowhere but in that of the object's own mechanism.
+    /// In the ambiguous set of the strongest, or of what of the object's own mechanism is stronger.
     Among,
     /// Named or in an ambiguous set, after another one.
     Later,
@@ -47,7 +47,7 @@ pub struct Judged {
     pub moved: [f64; 2],
     /// Names given, with their ambiguous sets.
     pub named: Vec<Named>,
-    /// The first of them that is not the object's own mechanism; of this, what looks like the truth when nothing else does.
+    /// The first of them that is not the object's own mechanism, or of this what looks like the truth before any other does.
     pub first: Option<Named>,
     /// Best place of a true effect.
     pub place: Place,
@@ -79,16 +79,19 @@ impl Judged {
         let named = names(report);
         let right = |entry: &&Named| expected.iter().any(|name| holds(entry, name));
         // The object's own mechanism is no false effect, and may well be the stronger one; what was added to it may look like it.
-        let (own, others): (Vec<&Named>, Vec<&Named>) = named.iter().partition(|entry| {
+        let own = |entry: &&Named| {
             truth.mechanism_effects.contains(&entry.0) && !expected.contains(&entry.0)
-        });
-        let like_own = own.into_iter().find(right);
+        };
+        let others: Vec<&Named> = named.iter().filter(|entry| !own(entry)).collect();
         let first = others.first().copied();
+        let strongest = named.iter().find(|entry| !own(entry) || right(entry));
+        let like_own = strongest.filter(own);
         let (place, first) = match others.iter().position(right) {
             Some(0) if expected.contains(&others[0].0) => (Place::First, first),
             Some(0) => (Place::Among, first),
+            _ if like_own.is_some() => (Place::Among, like_own),
             Some(_) => (Place::Later, first),
-            None if like_own.is_some() => (Place::Among, like_own),
+            None if named.iter().any(|entry| right(&entry)) => (Place::Later, first),
             None => (Place::Missed, first),
         };
         let smallest = |of: &dyn Fn(&SealedEffect) -> f64| {

@@ -12,9 +12,9 @@ const MIN_S: f64 = 2.0;
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Uncovered {
     /// Poses in a hole of the wrench or after its end.
-    pub without_wrench: Vec<[f64; 2]>,
+    pub without_wrench_s: Vec<[f64; 2]>,
     /// Wrenches in a hole of the poses or after their end.
-    pub without_pose: Vec<[f64; 2]>,
+    pub without_pose_s: Vec<[f64; 2]>,
     /// By how much the poses began after the first wrench, s, when by 2 s or more; before it below 0. Who starts late loses nothing.
     pub poses_begin_s: Option<f64>,
 }
@@ -27,47 +27,52 @@ impl Uncovered {
         };
         let begin_s = pose.at.seconds_since(start.at);
         Self {
-            without_wrench: without(wrench, poses, start.at),
-            without_pose: without(poses, wrench, start.at),
+            without_wrench_s: without(wrench, poses, start.at),
+            without_pose_s: without(poses, wrench, start.at),
             poses_begin_s: (begin_s.abs() >= MIN_S).then_some(begin_s),
         }
     }
 
     pub(super) const fn lost_data(&self) -> bool {
-        !self.without_wrench.is_empty() || !self.without_pose.is_empty()
+        !self.without_wrench_s.is_empty() || !self.without_pose_s.is_empty()
     }
 }
 
-/// Stretches of `there`, s after `zero`, that stand in a hole of `missing` or after its end.
+/// Stretches of `there`, s after `zero`, that stand in a hole of `missing` or after its end. Where both pause nothing is missing.
 fn without<M, T>(missing: &[Stamped<M>], there: &[Stamped<T>], zero: HostTime) -> Vec<[f64; 2]> {
-    let at = |stamp: HostTime| stamp.seconds_since(zero);
-    let (Some(end), Some(first), Some(last)) = (missing.last(), there.first(), there.last()) else {
-        return Vec::new();
-    };
-    let (first, last) = (at(first.at), at(last.at));
-    let is_inside = |[from, to]: [f64; 2]| {
-        let next = there.partition_point(|sample| at(sample.at) <= from);
-        there.get(next).is_some_and(|sample| at(sample.at) < to)
-    };
-    let holes = missing
-        .windows(2)
-        .filter_map(|pair| match pair {
-            [a, b] => Some([at(a.at), at(b.at)]),
-            _ => None,
-        })
-        .filter(|hole| is_inside(*hole))
-        .map(|[from, to]| [from.max(first), to.min(last)]);
-    let after = [first.max(at(end.at)), last];
-    let all = holes.chain([after]);
-    all.filter(|[from, to]| to - from >= MIN_S).collect()
+    let gone = pauses(missing, zero);
+    let mut out = Vec::new();
+    for stretch in there.chunk_by(|a, b| b.at.seconds_since(a.at) < MIN_S) {
+        let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else {
+            continue;
+        };
+        let [first, last] = [first, last].map(|sample| sample.at.seconds_since(zero));
+        let both = gone
+            .iter()
+            .map(|[from, to]| [from.max(first), to.min(last)]);
+        out.extend(both.filter(|[from, to]| to - from >= MIN_S));
+    }
+    out
+}
+
+/// Where a stream is not, s after `zero`: its holes, and after its end.
+fn pauses<M>(samples: &[Stamped<M>], zero: HostTime) -> Vec<[f64; 2]> {
+    let at = |sample: &Stamped<M>| sample.at.seconds_since(zero);
+    let steps = samples.windows(2).filter_map(|pair| match pair {
+        [a, b] => Some([at(a), at(b)]),
+        _ => None,
+    });
+    let holes = steps.filter(|[from, to]| to - from >= MIN_S);
+    let end = samples.last().map(|last| [at(last), f64::INFINITY]);
+    holes.chain(end).collect()
 }
 
 impl fmt::Display for Uncovered {
     /// A line for each that there is, each begun by a line break.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let both = [
-            (&self.without_wrench, "WRENCH", "poses"),
-            (&self.without_pose, "POSES", "wrenches"),
+            (&self.without_wrench_s, "WRENCH", "poses"),
+            (&self.without_pose_s, "POSES", "wrenches"),
         ];
         for (stretches, missing, there) in both {
             if stretches.is_empty() {
@@ -121,13 +126,13 @@ mod tests {
         };
         let all = found(&[(3_000, 20_000), (25_000, 40_000)]);
         let expected = [[17.0, 22.0], [37.0, 57.0]];
-        assert!(near(&all.without_wrench, &expected), "{all:?}");
+        assert!(near(&all.without_wrench_s, &expected), "{all:?}");
         assert_eq!(all.poses_begin_s, Some(-3.0));
-        assert!(all.without_pose.is_empty() && all.lost_data());
+        assert!(all.without_pose_s.is_empty() && all.lost_data());
         // The other way round; a late start alone loses nothing.
         let short = Uncovered::of(&poses, &stamps(&[(5_000, 30_000), (34_000, 50_000)]));
         let expected = [[30.0, 34.0], [50.0, 60.0]];
-        assert!(near(&short.without_pose, &expected), "{short:?}");
+        assert!(near(&short.without_pose_s, &expected), "{short:?}");
         assert_eq!(short.poses_begin_s, Some(5.0));
         assert!(
             short.to_string().contains("NO POSES") && short.to_string().contains("begin 5.0 s")
@@ -137,6 +142,9 @@ mod tests {
         // Where there are no poses either, nothing is missing beside them.
         let both = stamps(&[(0, 20_000), (25_000, 40_000)]);
         assert_eq!(Uncovered::of(&both, &both), Uncovered::default());
+        let apart = stamps(&[(10, 20_013), (24_992, 40_007)]);
+        assert_eq!(Uncovered::of(&both, &apart), Uncovered::default());
+        assert_eq!(Uncovered::of(&apart, &both), Uncovered::default());
         let none: &[Stamped<()>] = &[];
         assert_eq!(Uncovered::of(none, &poses), Uncovered::default());
         assert_eq!(Uncovered::of(&poses, none), Uncovered::default());

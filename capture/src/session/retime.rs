@@ -149,7 +149,7 @@ fn clock_of(driver: Driver, latency_us: f64) -> OneWayConfig {
         link_delay: Duration::from_secs_f64(latency_us * 1e-6),
         ..OneWayConfig::default()
     };
-    if driver.samples_evenly() {
+    if driver.samples_evenly().is_some() {
         // Until its period was mended it may be off by any number of samples.
         OneWayConfig {
             max_skew_ppm: 1e6,
@@ -352,7 +352,7 @@ mod tests {
             std::sync::Arc::default(),
             Duration::ZERO,
         )
-        .sampling_evenly(true);
+        .sampling_evenly(Some(ft_drivers::translate::Handover::Polled));
         let true_ns = |k: i64| 1_700_000_000_000_000_000 + k * 10_000_000;
         for k in (0..4_000).filter(|k| !lost.contains(k)) {
             let arrival = HostTime::from_nanos((true_ns(k) / 16_000_000 + 1) * 16_000_000);

@@ -7,7 +7,8 @@
 //! count a period behind: from then on even the promptest sample of each short window comes later than before. By how much is rounded
 //! to whole periods and put on the count, on a prompt link; elsewhere only what is more than a period, because a link that polls is
 //! late by up to that. A count that was put too far shows at the first prompt sample, which would come too early: for half a minute
-//! such a sample takes it back. Nothing is learned meanwhile, so that the line stays true.
+//! (on CAN two seconds) such a sample takes it back, and for a second what the driver knew of. Nothing is learned while a guess is in
+//! doubt, so that the line stays true.
 //!
 //! What is not known is part of the spread: by how much the promptest of the newest samples was late, because the count may be
 //! behind by it, and the periods that were put on without being told, while they may be taken back.
@@ -16,8 +17,8 @@
 //! bound, stamps are arrivals or too early, and after five seconds the period is mended by what the hull shows ([`Counted::mended`]
 //! tells how often).
 //!
-//! It cannot see a silent loss in its first ten seconds otherwise, and of one on a link that polls, or that has not been prompt for two
-//! minutes yet, only the spread tells. Uneven sampling is taken for jitter of the link.
+//! It cannot see a silent loss in its first ten seconds otherwise, and of one on a link that polls, unless that was seen to be prompt
+//! for two minutes on end, only the spread tells. Uneven sampling is taken for jitter of the link.
 
 use core::time::Duration;
 
@@ -33,10 +34,8 @@ const LEARN_SAMPLES: u64 = 32;
 const UNIT_NS: i64 = 1_000_000;
 /// A sample that is lost while the period is learned makes it this much wrong.
 const MAX_SKEW_PPM: f64 = 2_000.0;
-/// The line must be so old before lateness is taken for a loss, s, ...
+/// The line must be so old before lateness is taken for a loss, s.
 const TRUSTED_S: f64 = 10.0;
-/// ... and nothing is learned for so long after one.
-const PROBATION: Duration = Duration::from_secs(30);
 /// Losses are looked for in windows of so much time and so many samples.
 const WINDOW: Duration = Duration::from_millis(200);
 const WINDOW_SAMPLES: u32 = 8;
@@ -46,11 +45,43 @@ const RECENT_SAMPLES: u32 = 8;
 /// A link is called prompt when over so many windows the promptest sample of each was less late than this share of a period.
 const PROMPT_WINDOWS: u32 = 600;
 const PROMPT: f64 = 0.3;
+/// Periods that the driver knew of are doubted for so long: too many show at the first prompt sample.
+const TOLD_DOUBT: Duration = Duration::from_secs(1);
+/// So many guesses are doubted apart.
+const MOST_DOUBTED: usize = 8;
+
+/// How a link hands over what arrives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handover {
+    /// As it arrives: CAN, whose frames are stamped by the kernel or the adapter, or read at once.
+    Prompt,
+    /// When it is polled, or in bursts, which may be as far apart as the samples: serial lines behind USB.
+    Polled,
+}
+
+impl Handover {
+    /// How late the promptest sample of a window may come, in periods, for all that is known of the link.
+    const fn usual(self) -> f64 {
+        match self {
+            Self::Prompt => PROMPT,
+            Self::Polled => 1.0,
+        }
+    }
+
+    /// How long a guess is doubted: until a link that was slow is prompt again, or the phase of bursts has moved.
+    const fn doubt(self) -> Duration {
+        match self {
+            Self::Prompt => Duration::from_secs(2),
+            Self::Polled => Duration::from_secs(30),
+        }
+    }
+}
 
 /// Translates the arrivals of one stream without a clock.
 #[derive(Debug)]
 pub struct Counted {
     clock: OneWay,
+    handover: Handover,
     learning: Hull,
     samples: i64,
     /// Learned; `None` before that.
@@ -58,7 +89,7 @@ pub struct Counted {
     /// The count, in ns.
     device_ns: f64,
     window: Option<Window>,
-    /// How late the promptest sample of a window comes without a loss, in periods: 1 unless the link is called prompt.
+    /// How late the promptest sample of a window comes without a loss, in periods.
     usual: f64,
     /// The most of it, over so many windows.
     most: (f64, u32),
@@ -74,8 +105,6 @@ pub struct Counted {
     told: Doubted,
     /// Periods that lateness told.
     guessed: Doubted,
-    /// Until when the line is held after a loss.
-    held_until: Option<HostTime>,
     /// Spread of the newest translation.
     spread: Duration,
     newest: HostTime,
@@ -114,36 +143,57 @@ impl Window {
 }
 
 /// Periods put on the count, and until when an early sample may take them back.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 struct Doubted {
-    until: HostTime,
-    periods: f64,
+    time: Duration,
+    /// (until when, periods); those of no periods are free.
+    each: [(HostTime, f64); MOST_DOUBTED],
 }
 
 impl Doubted {
-    const NONE: Self = Self {
-        until: HostTime::EPOCH,
-        periods: 0.0,
-    };
-
-    fn add(&mut self, periods: f64, arrival: HostTime) {
-        *self = Self {
-            until: arrival + PROBATION,
-            periods: self.periods + periods,
-        };
-    }
-
-    fn forget_the_old(&mut self, arrival: HostTime) {
-        if arrival > self.until {
-            *self = Self::NONE;
+    const fn new(time: Duration) -> Self {
+        Self {
+            time,
+            each: [(HostTime::EPOCH, 0.0); MOST_DOUBTED],
         }
     }
 
-    /// Takes so many back, of those that are there.
+    const fn clear(&mut self) {
+        *self = Self::new(self.time);
+    }
+
+    fn periods(&self) -> f64 {
+        self.each.iter().map(|(_, periods)| periods).sum()
+    }
+
+    /// The oldest makes room.
+    fn add(&mut self, periods: f64, arrival: HostTime) {
+        let oldest = self.each.iter_mut().min_by_key(|(until, _)| *until);
+        if let Some(oldest) = oldest {
+            *oldest = (arrival + self.time, periods);
+        }
+    }
+
+    fn forget_the_old(&mut self, arrival: HostTime) {
+        for (until, periods) in &mut self.each {
+            if arrival > *until {
+                (*until, *periods) = (HostTime::EPOCH, 0.0);
+            }
+        }
+    }
+
+    /// Takes so many back, of those that are there, the newest first.
     fn take(&mut self, periods: f64) -> f64 {
-        let taken = periods.clamp(0.0, self.periods);
-        self.periods -= taken;
-        taken
+        let wanted = periods.max(0.0);
+        let mut left = wanted;
+        self.each
+            .sort_unstable_by_key(|(until, _)| core::cmp::Reverse(*until));
+        for (_, there) in &mut self.each {
+            let taken = left.min(*there);
+            *there -= taken;
+            left -= taken;
+        }
+        wanted - left
     }
 }
 
@@ -172,23 +222,23 @@ impl Counted {
 
     /// A translator that knows nothing yet. Allocates all it will ever need.
     #[must_use]
-    pub fn new(config: OneWayConfig) -> Self {
+    pub fn new(config: OneWayConfig, handover: Handover) -> Self {
         Self {
             clock: OneWay::new(Self::bounds(config)),
+            handover,
             learning: Hull::new(),
             samples: 0,
             period_ns: None,
             device_ns: 0.0,
             window: None,
-            usual: 1.0,
+            usual: handover.usual(),
             most: (0.0, 0),
             before: None,
             recent: None,
             recent_least: 0.0,
             passed: 0.0,
-            told: Doubted::NONE,
-            guessed: Doubted::NONE,
-            held_until: None,
+            told: Doubted::new(TOLD_DOUBT),
+            guessed: Doubted::new(handover.doubt()),
             spread: Duration::ZERO,
             newest: HostTime::EPOCH,
             mended: 0,
@@ -209,9 +259,10 @@ impl Counted {
         self.learning.clear();
         (self.samples, self.device_ns, self.period_ns) = (0, 0.0, None);
         self.look_anew();
-        self.held_until = None;
-        (self.usual, self.most) = (1.0, (0.0, 0));
-        (self.told, self.guessed, self.passed) = (Doubted::NONE, Doubted::NONE, 0.0);
+        self.judge_anew();
+        self.told.clear();
+        self.guessed.clear();
+        self.passed = 0.0;
         self.newest = HostTime::EPOCH;
     }
 
@@ -257,7 +308,7 @@ impl Counted {
         self.newest = at;
         let periods = self.periods;
         let behind = self.before.unwrap_or(0.0).max(self.recent_least).max(0.0);
-        let unsure_s = behind.hypot(self.guessed.periods) * period_ns * 1e-9;
+        let unsure_s = behind.hypot(self.guessed.periods()) * period_ns * 1e-9;
         let spread = translated.spread.as_secs_f64().hypot(unsure_s).min(1e6);
         self.spread = Duration::from_secs_f64(spread);
         self.mend(device_ns, period_ns);
@@ -269,6 +320,11 @@ impl Counted {
             },
             periods,
         })
+    }
+
+    /// Whether the link is prompt.
+    fn judge_anew(&mut self) {
+        (self.usual, self.most) = (self.handover.usual(), (0.0, 0));
     }
 
     /// After the count or the line became another.
@@ -296,7 +352,7 @@ impl Counted {
     fn mend(&mut self, device_ns: i64, period_ns: f64) {
         let slope = self.clock.active.middle_slope();
         let bound = 1e-6 * self.clock.config.max_skew_ppm;
-        if self.held_until.is_some()
+        if self.guessed.periods() > 0.0
             || self.clock.active.span_s() < TRUSTED_AFTER_S
             || slope.abs() < bound
             || slope <= -1.0
@@ -309,18 +365,15 @@ impl Counted {
         self.clock.reset();
         self.clock.observe(device_ns, at);
         self.look_anew();
-        (self.usual, self.most) = (1.0, (0.0, 0));
+        self.judge_anew();
         self.mended = self.mended.saturating_add(1);
         self.periods = self.periods.wrapping_add(1);
     }
 
-    /// By the line as it stands, while it is held.
-    fn held(&mut self, device_ns: i64, arrival: HostTime) -> Option<Translated> {
-        let until = self.held_until?;
+    /// By the line as it stands, while a guess is in doubt.
+    fn held(&self, device_ns: i64, arrival: HostTime) -> Option<Translated> {
         let (line, newest) = (self.clock.line?, self.clock.newest?);
-        if arrival > until {
-            self.held_until = None;
-            self.begin_from(line, device_ns);
+        if self.guessed.periods() == 0.0 {
             return None;
         }
         // What the slope is wrong by adds up.
@@ -332,7 +385,7 @@ impl Counted {
         })
     }
 
-    /// Learns anew, because the hull has a hole by now, but from where the line stands and with the period that it shows.
+    /// Learns anew, but from where the line stands and with the period that it shows.
     fn begin_from(&mut self, line: Line, device_ns: i64) {
         self.period_ns = self.period_ns.map(|period| period * (1.0 + line.slope));
         self.periods = self.periods.wrapping_add(1);
@@ -348,7 +401,12 @@ impl Counted {
         let late_ns = arrival.as_nanos().saturating_sub(predicted) as f64;
         let trusted = self.clock.active.span_s() >= TRUSTED_S;
         self.told.forget_the_old(arrival);
+        let doubted = self.guessed.periods() > 0.0;
         self.guessed.forget_the_old(arrival);
+        if doubted && self.guessed.periods() == 0.0 && self.handover == Handover::Polled {
+            // The guess stands, and by now the hull has a hole, with bursts of another phase behind it.
+            self.begin_from(line, whole(self.device_ns));
+        }
         if trusted && self.take_back(-late_ns / period_ns, period_ns, line) {
             return;
         }
@@ -370,7 +428,6 @@ impl Counted {
             self.device_ns += lost * period_ns;
             self.guessed.add(lost, arrival);
             self.recent_least -= lost;
-            self.held_until = Some(arrival + PROBATION);
         } else {
             self.judge_promptness(least);
         }
@@ -390,9 +447,13 @@ impl Counted {
         self.look_anew();
         if guessed > 0.0 {
             // It was no loss but the phase of bursts.
-            (self.usual, self.most) = (1.0, (0.0, 0));
+            self.judge_anew();
         }
-        if self.held_until.is_none() {
+        let newest = self
+            .clock
+            .newest
+            .map_or(i64::MIN, |newest| newest.device_ns);
+        if newest >= whole(self.device_ns) {
             // The line has learned the count as it was.
             self.begin_from(line, whole(self.device_ns));
         }
@@ -403,7 +464,11 @@ impl Counted {
         let (most, windows) = (self.most.0.max(least), self.most.1 + 1);
         self.most = (most, windows);
         if windows >= PROMPT_WINDOWS {
-            self.usual = if most < PROMPT { most } else { 1.0 };
+            self.usual = if most < PROMPT {
+                most
+            } else {
+                self.handover.usual()
+            };
             self.most = (0.0, 0);
         }
     }

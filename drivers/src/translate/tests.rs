@@ -299,7 +299,7 @@ fn counted_errors_us(
     lost: &[(i64, i64)],
     late: &mut dyn FnMut(i64) -> i64,
 ) -> (Vec<f64>, u32) {
-    let mut counted = Counted::new(OneWayConfig::default());
+    let mut counted = Counted::new(OneWayConfig::default(), Handover::Polled);
     let mut errors = Vec::new();
     for sample in 0..40 * SECOND / period_ns {
         if lost.iter().any(|(from, to)| (*from..*to).contains(&sample)) {
@@ -357,13 +357,14 @@ fn samples_lost_while_the_period_is_learned_leave_no_stream_on_its_arrivals() {
 /// A stream of 1 kHz on a line with 100 us of jitter, of which `lost` do not come; the driver `knows` of them or not. Errors and
 /// spreads, us, from the end of the first two seconds on, by sample.
 fn counted_with_losses(
+    (handover, seconds): (Handover, i64),
     knows: bool,
     lost: impl Fn(i64) -> bool,
     mut late: impl FnMut(i64) -> i64,
 ) -> Vec<(i64, f64, f64)> {
-    let mut counted = Counted::new(OneWayConfig::default());
+    let mut counted = Counted::new(OneWayConfig::default(), handover);
     let mut out = Vec::new();
-    for sample in 0..40_000 {
+    for sample in 0..1_000 * seconds {
         if lost(sample) {
             counted.pass(u64::from(knows));
             continue;
@@ -411,7 +412,9 @@ fn samples_that_are_known_to_be_lost_move_no_stamp() {
     ];
     for (kind, lost) in kinds.into_iter().enumerate() {
         let mut random = ChaCha8Rng::seed_from_u64(31);
-        let errors = counted_with_losses(true, lost, |at| at + exponential(&mut random, 100e3));
+        let errors = counted_with_losses((Handover::Polled, 40), true, lost, |at| {
+            at + exponential(&mut random, 100e3)
+        });
         let (worst, within) = (
             worst_away_from_losses(&errors, lost, 0),
             share_within_three_spreads(&errors),
@@ -422,7 +425,7 @@ fn samples_that_are_known_to_be_lost_move_no_stamp() {
     }
     // Bursts hide a period or so.
     let mut last = 0;
-    let errors = counted_with_losses(true, early_and_heavy, |at| {
+    let errors = counted_with_losses((Handover::Polled, 40), true, early_and_heavy, |at| {
         last = last.max((at + 16 * MS - 1).div_euclid(16 * MS) * 16 * MS);
         last
     });
@@ -435,7 +438,9 @@ fn samples_lost_without_a_trace_are_covered_by_the_spread() {
     for every in [1_000, 2_700, 7_001] {
         let lost = |sample: i64| sample > 6_000 && sample % every == 0;
         let mut random = ChaCha8Rng::seed_from_u64(32);
-        let errors = counted_with_losses(false, lost, |at| at + exponential(&mut random, 50e3));
+        let errors = counted_with_losses((Handover::Polled, 40), false, lost, |at| {
+            at + exponential(&mut random, 50e3)
+        });
         // The line is trusted from 12 s on.
         let trusted: Vec<_> = errors
             .iter()
@@ -454,21 +459,62 @@ fn samples_lost_without_a_trace_are_covered_by_the_spread() {
 }
 
 #[test]
+fn samples_lost_without_a_trace_on_a_prompt_link_are_put_on() {
+    for (every, from) in [(2_700, 15_000), (20_011, 15_000), (60_013, 100_000)] {
+        let lost = |sample: i64| sample > from && sample % every == 0;
+        let mut random = ChaCha8Rng::seed_from_u64(35);
+        let late = |at: i64| at + exponential(&mut random, 50e3);
+        let errors = counted_with_losses((Handover::Prompt, 240), false, lost, late);
+        let settled: Vec<_> = errors
+            .into_iter()
+            .filter(|(sample, ..)| *sample > 15_000)
+            .collect();
+        let worst = worst_away_from_losses(&settled, lost, 420);
+        let within = share_within_three_spreads(&settled);
+        let widest = settled.iter().map(|(.., spread)| *spread);
+        let widest = widest.fold(0.0, f64::max);
+        println!(
+            "one in {every}: worst {worst:.1} us away from losses, {within:.4} within three spreads of {widest:.0} us at most"
+        );
+        assert!(worst < 150.0, "one in {every}: {worst} us");
+        assert!(
+            within > 0.97 && widest < 2_500.0,
+            "one in {every}: {within} {widest}"
+        );
+    }
+}
+
+#[test]
 fn a_link_that_polls_as_often_as_the_sensor_samples_loses_nothing() {
-    for ppm in [-60.0, -20.0, 20.0, 60.0] {
+    for (ppm, lost_every) in [
+        (-60.0, None),
+        (-20.0, None),
+        (20.0, None),
+        (60.0, None),
+        (-60.0, Some(5_000)),
+    ] {
         let mut random = ChaCha8Rng::seed_from_u64(34);
-        let mut counted = Counted::new(OneWayConfig::default());
+        let mut counted = Counted::new(OneWayConfig::default(), Handover::Polled);
         let mut count_ns = None;
         for sample in 0..120_000 {
+            if lost_every.is_some_and(|every| sample % every == 7) {
+                counted.pass(1);
+                continue;
+            }
             let true_ns = truth(sample * MS, ppm);
             let polled = (true_ns.div_euclid(MS) + 1) * MS;
             let Some(instant) = counted.observe(host(polled + exponential(&mut random, 20e3)))
             else {
                 continue;
             };
-            // None was put on.
-            let step = instant.device_ns - count_ns.unwrap_or(instant.device_ns);
-            assert!(step < 3 * MS / 2, "{ppm} ppm, {sample}: {step} ns");
+            // None was put on or taken back.
+            let of = sample - lost_every.map_or(0, |every| i64::from(sample % every == 8));
+            let step =
+                instant.device_ns - count_ns.unwrap_or(instant.device_ns) - (sample - of) * MS;
+            assert!(
+                step < 3 * MS / 2 && (step > MS / 2 || count_ns.is_none()),
+                "{ppm} ppm, {sample}: {step} ns"
+            );
             count_ns = Some(instant.device_ns);
             // Where in the period the polls are, nobody knows.
             let late_ns = instant.translated.at.as_nanos() - true_ns;
@@ -486,6 +532,7 @@ fn a_link_that_is_late_for_a_while_or_a_driver_that_counts_too_many_is_found_out
     for (late_ms, once) in [(3, false), (12, false), (12, true)] {
         let mut random = ChaCha8Rng::seed_from_u64(33);
         let errors = counted_with_losses(
+            (Handover::Polled, 60),
             true,
             |_| false,
             |at| {
@@ -530,7 +577,7 @@ fn a_link_that_is_late_for_a_while_or_a_driver_that_counts_too_many_is_found_out
         }
     }
 
-    let mut counted = Counted::new(OneWayConfig::default());
+    let mut counted = Counted::new(OneWayConfig::default(), Handover::Polled);
     let mut worst = 0.0_f64;
     for sample in 0..30_000 {
         if sample == 20_000 {
@@ -548,7 +595,7 @@ fn a_link_that_is_late_for_a_while_or_a_driver_that_counts_too_many_is_found_out
 #[test]
 fn a_link_that_becomes_faster_by_a_part_of_a_period_takes_no_known_loss_back() {
     let lost = |sample: i64| sample > 2_500 && sample % 150 == 0;
-    let errors = counted_with_losses(true, lost, |at| {
+    let errors = counted_with_losses((Handover::Polled, 40), true, lost, |at| {
         at + if at < BOOT + 20 * SECOND {
             600_000
         } else {

@@ -106,6 +106,8 @@ impl CandleLight {
         let control = file(&folder.join("ep0")).map_err(failed)?;
         write(&control, &descriptors()).map_err(|errno| failed(errno.into()))?;
         write(&control, &strings()).map_err(|errno| failed(errno.into()))?;
+        let [to, from] = ["ep1", "ep2"].map(|name| endpoint(&folder.join(name)).map_err(failed));
+        let (to, from) = (to?, from?);
         let shared = Arc::new(Shared {
             setting: Mutex::default(),
             bus_bps,
@@ -122,8 +124,6 @@ impl CandleLight {
         };
         let answers = shared.clone();
         start("control", Box::new(move || answer(&answers, &control)))?;
-        let [to, from] = ["ep1", "ep2"].map(|name| endpoint(&folder.join(name)).map_err(failed));
-        let (to, from) = (to?, from?);
         let (giver, left) = (shared.clone(), waiting.clone());
         start("in", Box::new(move || give(&giver, &to, &outgoing, &left)))?;
         let (taker, echo, count) = (shared.clone(), to_host.clone(), waiting.clone());
