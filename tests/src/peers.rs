@@ -1,9 +1,11 @@
 //! Other people's tools, from the Python package index, in a virtual environment under `target/`.
 
+use std::ffi::OsStr;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use crate::programs::Finished;
 use crate::workspace_root;
@@ -62,11 +64,7 @@ fn of_environment(
 /// # Panics
 /// The script cannot be started.
 #[must_use]
-pub fn run<A: AsRef<std::ffi::OsStr>>(
-    test: &str,
-    script: &str,
-    arguments: &[A],
-) -> Option<Finished> {
+pub fn run<A: AsRef<OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Finished> {
     let output = command(test, script, arguments)?.output();
     match output {
         Ok(output) => Some(Finished::new(script, &output)),
@@ -76,11 +74,7 @@ pub fn run<A: AsRef<std::ffi::OsStr>>(
 
 /// The command for `tests/peers/<script>`; `None` when there is no Python (one line was printed).
 #[must_use]
-pub fn command<A: AsRef<std::ffi::OsStr>>(
-    test: &str,
-    script: &str,
-    arguments: &[A],
-) -> Option<Command> {
+pub fn command<A: AsRef<OsStr>>(test: &str, script: &str, arguments: &[A]) -> Option<Command> {
     let mut command = Command::new(python(test)?);
     command
         .arg(workspace_root().join("tests/peers").join(script))
@@ -172,7 +166,7 @@ fn node_packages(may_install: bool) -> Result<PathBuf, String> {
     for name in ["package.json", "package-lock.json"] {
         std::fs::copy(from.join(name), folder.join(name)).map_err(|error| error.to_string())?;
     }
-    succeed(
+    fetch(
         Command::new("npm")
             .args(["ci", "--silent", "--no-audit", "--ignore-scripts"])
             .current_dir(&folder),
@@ -188,7 +182,7 @@ pub(crate) fn install(packages: &[&str]) -> Result<(), String> {
     let mut install = vec!["install", "-qq", "-y", "--no-install-recommends"];
     install.extend(packages);
     for arguments in [vec!["update", "-qq"], install] {
-        succeed(
+        fetch(
             Command::new("apt-get")
                 .args(arguments)
                 .env("DEBIAN_FRONTEND", "noninteractive"),
@@ -230,20 +224,37 @@ fn make_environment(name: &str, requirements: &str) -> Result<PathBuf, String> {
             .args(["-m", "venv", "--clear"])
             .arg(&folder),
     )?;
-    succeed(
-        Command::new(&python)
-            .args([
-                "-m",
-                "pip",
-                "install",
-                "--quiet",
-                "--disable-pip-version-check",
-                "-r",
-            ])
-            .arg(&requirements),
-    )?;
+    pip_install(&python, &["-r".as_ref(), requirements.as_os_str()])?;
     std::fs::write(&stamp, wanted).map_err(|error| error.to_string())?;
     Ok(python)
+}
+
+/// Runs `pip install` of `python`'s environment.
+///
+/// # Errors
+/// What pip said last, when it failed three times.
+pub fn pip_install(python: &Path, what: &[&OsStr]) -> Result<(), String> {
+    let arguments = [
+        "-m",
+        "pip",
+        "install",
+        "--no-cache-dir",
+        "--quiet",
+        "--disable-pip-version-check",
+    ];
+    fetch(Command::new(python).args(arguments).args(what))
+}
+
+/// Runs a program that fetches from a registry, up to three times: large downloads get cut off at times.
+fn fetch(command: &mut Command) -> Result<(), String> {
+    for pause in [5, 20] {
+        match succeed(command) {
+            Ok(()) => return Ok(()),
+            Err(why) => eprintln!("again in {pause} s: {why}"),
+        }
+        std::thread::sleep(Duration::from_secs(pause));
+    }
+    succeed(command)
 }
 
 fn succeed(command: &mut Command) -> Result<(), String> {
@@ -254,8 +265,13 @@ fn succeed(command: &mut Command) -> Result<(), String> {
         return Ok(());
     }
     let said = String::from_utf8_lossy(&output.stderr);
+    let said: Vec<&str> = said
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .collect();
     Err(format!(
-        "{command:?}: {}",
-        said.lines().last().unwrap_or("failed")
+        "{command:?}: {}: {}",
+        output.status,
+        said[said.len().saturating_sub(8)..].join("\n")
     ))
 }

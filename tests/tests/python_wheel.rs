@@ -60,18 +60,7 @@ fn make() -> Option<Tried> {
     )
     .expect_code(0);
     let python = environment.join("bin/python");
-    finish(
-        Command::new(&python)
-            .args([
-                "-m",
-                "pip",
-                "install",
-                "--quiet",
-                "--disable-pip-version-check",
-            ])
-            .arg(wheel.path()),
-    )
-    .expect_code(0);
+    peers::pip_install(&python, &[wheel.path().as_os_str()]).unwrap();
     for (scenario, name) in [("wood_door", "door"), ("drawer_loaded", "drawer")] {
         let file = format!("{name}.mcap");
         let record = [
