@@ -141,8 +141,8 @@ pub fn fit_with_mechanism(
     Ok(fit_full(motion, effects, false)?.0)
 }
 
-/// As [`fit_with_mechanism`], and then motion and dynamics together from there; nothing when that foretells held-out strokes
-/// no better.
+/// As [`fit_with_mechanism`], and then motion and dynamics together from there, nothing when that foretells held-out strokes
+/// no better; where its inertia and friction are more certain, the model has its parameters and its mechanism.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -218,10 +218,19 @@ fn fit_full(
             design: &design,
             smoothing: &smoothing,
         };
-        joint::fit(motion, effects, &plain)?.filter(|fit| fit.held_out_rms <= held_out_rms)
+        joint::fit(motion, effects, &plain)?.filter(|one| one.fit.held_out_rms <= held_out_rms)
     } else {
         None
     };
+    let together = together.map(|mut together| {
+        if together.is_more_certain(&covariance) {
+            together.fit.stands = true;
+            theta.copy_from(&together.theta);
+            mechanism.set(&together.coefficients);
+            covariance = together.covariance;
+        }
+        together.fit
+    });
     let damped = design.damping_share(&smoothing) > DAMPED_ABOVE;
     let common = mechanism.take_common_damping();
     if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {

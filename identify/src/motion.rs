@@ -535,7 +535,7 @@ impl Work {
     }
 }
 
-fn by_run(
+pub(crate) fn by_run(
     runs: &[Range<usize>],
     series: &[f64],
     mut f: impl FnMut(&[f64]) -> Result<Vec<f64>, FilterError>,

@@ -7,6 +7,7 @@
 mod kinematics;
 mod resample;
 
+pub(crate) use kinematics::SMOOTH_HZ;
 pub use kinematics::ToolKinematics;
 
 use core::ops::Range;

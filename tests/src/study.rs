@@ -132,8 +132,8 @@ fn objects_table(results: &[Comparison], names: &[&str]) -> String {
     let mut out = String::from(
         "By object (simulated): mean absolute errors, % (how many of the seeds had the parameter withdrawn); held-out error of the \
          full model and of the joint fit over what the true parameters leave of the effort along the differentiated motion; share of the base model's held-out error that effects and mechanism take away.\n\n\
-         | object | I | I `paper` | I ours | mu `paper` | mu ours | b `paper` | b ours | held-out / floor, median, worst | joint fit's | reduction |\n\
-         |---|---|---|---|---|---|---|---|---|---|---|\n",
+         | object | I | I `paper` | I ours | I joint | mu `paper` | mu ours | mu joint | b `paper` | b ours | b joint | held-out / floor, median, worst | joint fit's | reduction |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     for name in names {
         let of: Vec<&Comparison> = results.iter().filter(|one| one.scenario == *name).collect();
@@ -150,14 +150,17 @@ fn objects_table(results: &[Comparison], names: &[&str]) -> String {
         let joint = Spread::of(of.iter().map(|one| one.joint_held_out / one.floor_true));
         let reduction = Spread::of(of.iter().map(|one| 100.0 * one.reduction));
         out += &format!(
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {:.2}, {:.2} | {:.2}, {:.2} | {:.0} % |\n",
+            "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.2}, {:.2} | {:.2}, {:.2} | {:.0} % |\n",
             first.inertia,
             error(&|one| one.paper[0]),
             error(&|one| one.relative[0]),
+            error(&|one| one.joint_relative[0]),
             error(&|one| one.paper[1]),
             error(&|one| one.relative[1]),
+            error(&|one| one.joint_relative[1]),
             error(&|one| one.paper[2]),
             error(&|one| one.relative[2]),
+            error(&|one| one.joint_relative[2]),
             floor.median(),
             floor.most(),
             joint.median(),

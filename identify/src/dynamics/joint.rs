@@ -23,11 +23,12 @@ use nalgebra::{DMatrix, DVector};
 use super::Term;
 use super::design::{Design, scaled};
 use crate::effect::Effect;
-use crate::filter::LowPass;
+use crate::filter::{LowPass, second_derivative};
 use crate::least_squares::{Bound, bounded_quadratic, covariance_of_free, rms};
 use crate::mechanism::{Mechanism, SplineMechanism};
-use crate::motion::{Motion, MotionError};
+use crate::motion::{Motion, MotionError, by_run};
 use crate::samples::quantile;
+use crate::tool::SMOOTH_HZ;
 use arrow::{Arrow, Eliminated};
 use colour::Colour;
 use curve::{Curve, LOCAL, Weights};
@@ -54,6 +55,32 @@ pub struct JointFit {
     pub rms: f64,
     /// The same on strokes whose effort had no part in the parameters. Their motion is known by it all the same.
     pub held_out_rms: f64,
+    /// Whether the full model has these parameters: they are more certain than those of the plain fit.
+    pub stands: bool,
+}
+
+/// The joint fit as a model.
+pub(super) struct Together {
+    pub(super) fit: JointFit,
+    /// Parameters of the effects, as [`Plain::theta`].
+    pub(super) theta: DVector<f64>,
+    /// Of these parameters.
+    pub(super) covariance: DMatrix<f64>,
+    /// Of the mechanism.
+    pub(super) coefficients: Vec<f64>,
+}
+
+impl Together {
+    /// Whether its region of confidence about inertia and friction is smaller than the plain fit's.
+    pub(super) fn is_more_certain(&self, plain: &DMatrix<f64>) -> bool {
+        // A parameter at its bound has no variance.
+        let pairs = (0..3).map(|j| (self.covariance[(j, j)], plain[(j, j)]));
+        let ratio: f64 = pairs
+            .filter(|(ours, plain)| *ours > 0.0 && *plain > 0.0)
+            .map(|(ours, plain)| ours / plain)
+            .product();
+        ratio < 1.0
+    }
 }
 
 /// Where the plain fit ended.
@@ -76,7 +103,7 @@ pub(super) fn fit(
     motion: &Motion,
     effects: &[&dyn Effect],
     plain: &Plain<'_>,
-) -> Result<Option<JointFit>, MotionError> {
+) -> Result<Option<Together>, MotionError> {
     let Some(problem) = Problem::new(motion, effects, plain) else {
         return Ok(None);
     };
@@ -99,6 +126,8 @@ struct Problem<'a> {
     used: Vec<(usize, usize)>,
     sensor: f64,
     start: DVector<f64>,
+    /// The acceleration by which the tool's own inertia was taken off the effort.
+    taken_off: Vec<f64>,
 }
 
 /// A motion along the curve, and the effort's rows there.
@@ -150,6 +179,7 @@ impl<'a> Problem<'a> {
             .select_columns(&chosen)
             * (used.len() as f64 / motion.kept.len().max(1) as f64);
         let position = position_rows(motion, &curve, &colour, start.len());
+        let taken_off = tool_acceleration(motion)?;
         (colour.new_std > 0.0 && used.len() > 2 * start.len()).then_some(Self {
             motion,
             effects,
@@ -163,10 +193,11 @@ impl<'a> Problem<'a> {
             used,
             sensor: upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE),
             start: DVector::from_vec(start),
+            taken_off,
         })
     }
 
-    fn solve(mut self) -> Result<Option<JointFit>, MotionError> {
+    fn solve(mut self) -> Result<Option<Together>, MotionError> {
         let mut theta = self.start.clone();
         let Some(alone) = self.position.clone().eliminate() else {
             return Ok(None);
@@ -201,34 +232,47 @@ impl<'a> Problem<'a> {
         let at_bound: Vec<bool> = (0..theta.len())
             .map(|j| self.bounds[j] == Bound::NonNegative && theta[j] == 0.0)
             .collect();
-        let scale = scale_of(eliminated.corner());
-        let covariance = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
-        let held_out_rms = self.held_out(&rows, &eliminated, noise)?;
+        let scale = scale_of(eliminated.corner())
+            .rows(0, self.linear)
+            .into_owned();
+        let certain = covariance_of_free(
+            &scaled(eliminated.corner(), &scale_of(eliminated.corner())),
+            &at_bound,
+        );
+        let certain = certain.view((0, 0), (self.linear, self.linear));
+        let (held_out_rms, scatter) = self.held_out(&rows, &eliminated, noise)?;
         drop(eliminated);
-        let residual = self.filtered_residual(&rows, &theta)?;
-        // Where slow errors of the model stand above the noise, the noise alone says too little.
-        let white = noise * self.motion.passes_of_white(0.3 / self.motion.period);
-        let wider = (rms(&residual) / white).max(1.0)
-            * (held_out_rms / rms(&residual).max(f64::MIN_POSITIVE)).max(1.0);
+        let covariance = certain.component_div(&(&scale * scale.transpose())) + scatter;
+        // The folds left theirs.
         self.set(&theta);
-        theta[VISCOUS] += self.mechanism.take_common_damping();
+        let residual = self.filtered_residual(&rows, &theta)?;
+        let coefficients = self.mechanism.coefficients();
+        let mut named = theta.rows(0, self.linear).into_owned();
+        named[VISCOUS] += self.mechanism.take_common_damping();
         let kind = self.motion.kind;
-        let named = [
+        let units = [
             ("inertia", kind.inertia_unit()),
             ("coulomb", kind.effort_unit()),
             ("viscous", kind.viscous_unit()),
         ];
-        let terms = named.iter().enumerate().map(|(j, (name, unit))| Term {
+        let terms = units.iter().enumerate().map(|(j, (name, unit))| Term {
             name: (*name).to_owned(),
-            value: Some(theta[j]),
-            std: Some(wider * covariance[(j, j)].max(0.0).sqrt() / scale[j]),
+            value: Some(named[j]),
+            std: Some(covariance[(j, j)].max(0.0).sqrt()),
             unit: (*unit).to_owned(),
         });
-        Ok(Some(JointFit {
+        let fit = JointFit {
             terms: terms.collect(),
             effort_noise: noise,
             rms: rms(&residual),
             held_out_rms,
+            stands: false,
+        };
+        Ok(Some(Together {
+            fit,
+            theta: theta.rows(0, self.linear).into_owned(),
+            covariance,
+            coefficients,
         }))
     }
 
@@ -253,14 +297,14 @@ impl<'a> Problem<'a> {
                 }
             }
             let [by_q, by_dq] = slopes[i];
-            let by = [by_q, by_dq, theta[0]];
+            let by = [by_q, by_dq, theta[0] + self.motion.tool_inertia];
             let curve = core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
             let fixed = self.mechanism.effort(q, dq) - linear;
             effort.push(Row {
                 first,
                 curve,
                 params,
-                right: motion.tau[i] - fixed + by_q * q + by_dq * dq + theta[0] * ddq,
+                right: motion.tau[i] - fixed + by[0] * q + by[1] * dq + by[2] * ddq,
                 near,
             });
         }
@@ -280,7 +324,7 @@ impl<'a> Problem<'a> {
         self.mechanism.set(&coefficients);
     }
 
-    /// The motion with the curve's states in place of the smoothed ones.
+    /// The motion with the curve's states in place of the smoothed ones; so is what the tool's own inertia takes of the effort.
     fn along(&self, x: &[f64]) -> Motion {
         let places = self.curve.at_samples();
         let of = |k: usize| -> Vec<f64> {
@@ -293,7 +337,12 @@ impl<'a> Problem<'a> {
             };
             places.iter().map(value).collect()
         };
-        self.motion.with_states([of(0), of(1), of(2)])
+        let mut motion = self.motion.with_states([of(0), of(1), of(2)]);
+        let accelerations = self.taken_off.iter().zip(&motion.ddq);
+        for (tau, (taken_off, along)) in motion.tau.iter_mut().zip(accelerations) {
+            *tau += self.motion.tool_inertia * (taken_off - along);
+        }
+        motion
     }
 
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
@@ -409,11 +458,18 @@ impl<'a> Problem<'a> {
         motion.regressor(&left)
     }
 
-    /// Error on strokes that the parameters were not fitted to; the motion is that of `all` strokes.
-    fn held_out(&mut self, rows: &Rows, all: &Eliminated, noise: f64) -> Result<f64, MotionError> {
+    /// Error on strokes that the parameters were not fitted to, the motion being that of `all` strokes; and how far the parameters
+    /// move with what is left out, as a covariance: it knows of slow errors of the model, which the noise alone does not.
+    fn held_out(
+        &mut self,
+        rows: &Rows,
+        all: &Eliminated,
+        noise: f64,
+    ) -> Result<(f64, DMatrix<f64>), MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
         let (mut square, mut samples) = (0.0, 0);
+        let mut left_out = Vec::with_capacity(folds);
         for fold in 0..folds {
             let rest = self.effort(rows, |near| fold_of[near] != fold);
             let Some(rest) = self.whole(&rest, noise) else {
@@ -421,6 +477,7 @@ impl<'a> Problem<'a> {
             };
             let theta = self.minimum(&rest);
             drop(rest);
+            left_out.push(theta.rows(0, self.linear).into_owned());
             let there = self.rows(&all.coefficients(&theta), &theta)?;
             let residual = self.filtered_residual(&there, &theta)?;
             for (k, residual) in residual.iter().enumerate() {
@@ -430,8 +487,33 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        Ok((square / f64::from(samples.max(1))).sqrt())
+        let rms = (square / f64::from(samples.max(1))).sqrt();
+        Ok((rms, jackknife(&left_out, self.linear)))
     }
+}
+
+/// Covariance of parameters by their values without one part of the data each, so that 1.96 standard deviations hold as much as
+/// Student's distribution does for so few parts.
+///
+/// # Source
+/// Efron, *The jackknife, the bootstrap and other resampling plans*, 1982, chapter 3.
+fn jackknife(left_out: &[DVector<f64>], params: usize) -> DMatrix<f64> {
+    let parts = left_out.len() as f64;
+    let mut out = DMatrix::zeros(params, params);
+    let mean = left_out.iter().sum::<DVector<f64>>() / parts.max(1.0);
+    for theta in left_out {
+        let away = theta - &mean;
+        out += &away * away.transpose();
+    }
+    out * ((parts - 1.0) / parts.max(1.0) * student_over_normal(parts - 1.0).powi(2))
+}
+
+/// 95 % interval of Student's distribution over the normal one's: Abramowitz and Stegun, 26.7.5.
+fn student_over_normal(freedom: f64) -> f64 {
+    const NORMAL: f64 = 1.96;
+    let n = freedom.max(1.0);
+    let square = NORMAL * NORMAL;
+    1.0 + (square + 1.0) / (4.0 * n) + ((5.0 * square + 16.0) * square + 3.0) / (96.0 * n * n)
 }
 
 /// The equations of the curve by the measured coordinate alone, whitened.
@@ -477,6 +559,17 @@ fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour, params: usize)
         }
     }
     arrow
+}
+
+/// The joint's acceleration as [`crate::tool`] took it from the poses.
+fn tool_acceleration(motion: &Motion) -> Option<Vec<f64>> {
+    let rate_hz = 1.0 / motion.period;
+    let filter = LowPass::butterworth(4, SMOOTH_HZ.min(0.4 * rate_hz), rate_hz).ok()?;
+    by_run(&motion.runs, &motion.q_measured, |part| {
+        let smooth = filter.zero_phase_settled(part)?;
+        Ok(second_derivative(&smooth, motion.period))
+    })
+    .ok()
 }
 
 /// Samples near those that the fit uses, while the joint slides one way.

@@ -71,9 +71,14 @@ impl Report {
                 Some(format!("{} {value:.3} ± {std:.3} {}", term.name, term.unit))
             });
             let terms: Vec<String> = terms.collect();
+            let stands = if joint.stands {
+                ", which stands above"
+            } else {
+                ", less certain than what stands above"
+            };
             let _ = writeln!(
                 out,
-                "jointly    {}; error {:.3} {unit} on held-out strokes, whose motion the wrench informs",
+                "jointly    {}{stands}; error {:.3} {unit} on held-out strokes, whose motion the wrench informs",
                 terms.join(", "),
                 joint.held_out_rms
             );

@@ -10,7 +10,7 @@ const GRAVITY: f64 = 9.80665;
 
 /// Cut-off of the low-pass on poses before they are differentiated, Hz: well above the fit's, so that the tool's inertial
 /// wrench is whole there.
-const SMOOTH_HZ: f64 = 20.0;
+pub(crate) const SMOOTH_HZ: f64 = 20.0;
 
 /// Motion of the sensor frame over the samples of a [`ToolSamples`].
 #[derive(Clone, Debug)]
