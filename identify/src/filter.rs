@@ -48,7 +48,7 @@ struct Section {
 }
 
 impl Section {
-    fn from(self, state: [f64; 2]) -> Running {
+    fn running(self, state: [f64; 2]) -> Running {
         Running {
             section: self,
             state,
@@ -251,13 +251,13 @@ impl LowPass {
         // A section waits for its own last output only: two together take as long as one.
         let (pairs, last) = self.sections.as_chunks::<2>();
         for [first, second] in pairs {
-            let (mut one, mut other) = (first.from(start(first)), second.from(start(second)));
+            let (mut one, mut other) = (first.running(start(first)), second.running(start(second)));
             for value in series.iter_mut() {
                 *value = other.next(one.next(*value));
             }
         }
         for section in last {
-            let mut one = section.from(start(section));
+            let mut one = section.running(start(section));
             for value in series.iter_mut() {
                 *value = one.next(*value);
             }

@@ -45,3 +45,24 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     parts.sort_by_key(|(index, _)| *index);
     parts.into_iter().flat_map(|(_, done)| done).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_come_in_the_order_of_the_items() {
+        let items: Vec<usize> = (0..101).collect();
+        for most in [1, 2, usize::MAX] {
+            let squares = in_parallel_on(most, &items, |i| i * i);
+            assert!(
+                squares
+                    .iter()
+                    .zip(&items)
+                    .all(|(square, i)| *square == i * i)
+            );
+            assert_eq!(squares.len(), items.len());
+        }
+        assert!(in_parallel(&[], |i: &usize| *i).is_empty());
+    }
+}

@@ -28,16 +28,15 @@ pub(crate) fn dot_inline(a: &[f64], b: &[f64]) -> f64 {
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
     let mut sums = [0.0; LANES];
     for (a, b) in a.iter().zip(b) {
-        for k in 0..LANES {
-            sums[k] += a[k] * b[k];
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
         }
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     let mut half = LANES / 2;
     while half > 0 {
-        for k in 0..half {
-            sums[k] += sums[k + half];
-        }
+        let (low, high) = sums.split_at_mut(half);
+        low.iter_mut().zip(high).for_each(|(a, b)| *a += *b);
         half /= 2;
     }
     sums[0] + rest
@@ -107,8 +106,8 @@ impl Table {
             (values, other) = other.split_at(count);
             let mut sum = sums[fold];
             for (row, value) in some.iter().zip(values) {
-                for k in 0..LANES {
-                    sum[k] += row[k] * value;
+                for (sum, entry) in sum.iter_mut().zip(row) {
+                    *sum += entry * value;
                 }
             }
             sums[fold] = sum;

@@ -253,8 +253,8 @@ impl SparseColumns {
                 let rows = self.rows[first + k..].iter().step_by(each);
                 let mut sums = [0.0; WIDTH];
                 for (row, weight) in rows.zip(weights) {
-                    for j in 0..WIDTH {
-                        sums[j] += row[j] * weight;
+                    for (sum, entry) in sums.iter_mut().zip(row) {
+                        *sum += entry * weight;
                     }
                 }
                 for (&column, sum) in columns.iter().zip(sums) {
