@@ -18,6 +18,7 @@ use crate::lag::Lag;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
+use crate::parallel::in_parallel;
 use crate::samples::JointSamples;
 use crate::screw::JointKind;
 
@@ -291,13 +292,20 @@ fn with_mechanism(
 ) -> Result<(EffortModel, Option<JointFit>, bool), DynamicsError> {
     let mut left = false;
     let found = diagnosis.found();
-    let all = vec![true; found.len()];
-    let (mut model, mut jointly) = beside_mechanism(motion, &found, &all)?;
     let by_state = |found: &Found| found.kind.at.is_some();
     let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let mut used = vec![vec![true; found.len()]];
     if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
-        let other: Vec<bool> = found.iter().map(|found| !by_state(found)).collect();
-        let without = beside_mechanism(motion, &found, &other)?;
+        used.push(found.iter().map(|found| !by_state(found)).collect());
+    }
+    let fits = in_parallel(&used, |used| beside_mechanism(motion, &found, used));
+    let mut fits = fits.into_iter();
+    let Some(all) = fits.next() else {
+        unreachable!("one item has one result")
+    };
+    let (mut model, mut jointly) = all?;
+    if let Some(without) = fits.next() {
+        let without = without?;
         if without.0.held_out_rms < LEFT_BELOW * model.held_out_rms {
             (model, jointly) = without;
             left = true;

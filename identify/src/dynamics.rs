@@ -226,8 +226,7 @@ fn fit_full(
         if together.is_more_certain(&covariance) {
             together.fit.stands = true;
             theta.copy_from(&together.theta);
-            mechanism.set(&together.coefficients);
-            covariance = together.covariance;
+            (mechanism, covariance) = (together.mechanism, together.covariance);
         }
         together.fit
     });

@@ -26,7 +26,7 @@ pub struct Column {
 }
 
 /// A physical effect that adds to the effort.
-pub trait Effect: core::fmt::Debug {
+pub trait Effect: core::fmt::Debug + Sync {
     /// Name from the project's one vocabulary of effects.
     fn name(&self) -> &'static str;
 
@@ -47,6 +47,22 @@ pub trait Effect: core::fmt::Debug {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RigidBody;
 
+impl RigidBody {
+    /// Its columns before the filter, with zeros where the joint rests.
+    pub(crate) fn sliding(motion: &Motion) -> [Vec<f64>; 3] {
+        let measured = &motion.q_measured;
+        let (dq, ddq) = (
+            motion.derivative(measured),
+            motion.second_derivative(measured),
+        );
+        [
+            motion.sliding_derivative(&ddq, &motion.ddq),
+            motion.sliding(&motion.sign),
+            motion.sliding_derivative(&dq, &motion.dq),
+        ]
+    }
+}
+
 impl Effect for RigidBody {
     fn name(&self) -> &'static str {
         "rigid_body"
@@ -59,18 +75,13 @@ impl Effect for RigidBody {
             bound: Bound::NonNegative,
             values,
         };
-        let (kind, measured) = (motion.kind, &motion.q_measured);
-        let inertia =
-            motion.regressor_of_derivative(&motion.second_derivative(measured), &motion.ddq)?;
-        let viscous = motion.regressor_of_derivative(&motion.derivative(measured), &motion.dq)?;
+        let kind = motion.kind;
+        let [inertia, coulomb, viscous] = Self::sliding(motion);
+        let filtered = |series: Vec<f64>| motion.regressor_of_all(&series);
         Ok(vec![
-            column("inertia", kind.inertia_unit(), inertia),
-            column(
-                "coulomb",
-                kind.effort_unit(),
-                motion.regressor(&motion.sign)?,
-            ),
-            column("viscous", kind.viscous_unit(), viscous),
+            column("inertia", kind.inertia_unit(), filtered(inertia)?),
+            column("coulomb", kind.effort_unit(), filtered(coulomb)?),
+            column("viscous", kind.viscous_unit(), filtered(viscous)?),
         ])
     }
 

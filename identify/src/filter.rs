@@ -48,16 +48,10 @@ struct Section {
 }
 
 impl Section {
-    /// Direct form II transposed; `state` is carried along.
-    fn run(&self, x: &mut [f64], state: [f64; 2]) {
-        let [mut s0, mut s1] = state;
-        let ([b0, b1, b2], [_, a1, a2]) = (self.b, self.a);
-        for value in x {
-            let input = *value;
-            let output = b0 * input + s0;
-            s0 = b1 * input - a1 * output + s1;
-            s1 = b2 * input - a2 * output;
-            *value = output;
+    fn running(self, state: [f64; 2]) -> Running {
+        Running {
+            section: self,
+            state,
         }
     }
 
@@ -71,6 +65,23 @@ impl Section {
         let gain = self.dc_gain();
         let s1 = self.b[2] - self.a[2] * gain;
         [self.b[1] - self.a[1] * gain + s1, s1]
+    }
+}
+
+/// A section with the state that it carries along, in the direct form II transposed.
+struct Running {
+    section: Section,
+    state: [f64; 2],
+}
+
+impl Running {
+    #[inline(always)]
+    fn next(&mut self, input: f64) -> f64 {
+        let ([b0, b1, b2], [_, a1, a2]) = (self.section.b, self.section.a);
+        let [s0, s1] = self.state;
+        let output = b0 * input + s0;
+        self.state = [b1 * input - a1 * output + s1, b2 * input - a2 * output];
+        output
     }
 }
 
@@ -232,10 +243,24 @@ impl LowPass {
 
     fn run_once(&self, series: &mut [f64]) {
         let mut level = series.first().copied().unwrap_or(0.0);
-        for section in &self.sections {
+        let mut start = |section: &Section| {
             let start = section.steady_state().map(|s| s * level);
             level *= section.dc_gain();
-            section.run(series, start);
+            start
+        };
+        // A section waits for its own last output only: two together take as long as one.
+        let (pairs, last) = self.sections.as_chunks::<2>();
+        for [first, second] in pairs {
+            let (mut one, mut other) = (first.running(start(first)), second.running(start(second)));
+            for value in series.iter_mut() {
+                *value = other.next(one.next(*value));
+            }
+        }
+        for section in last {
+            let mut one = section.running(start(section));
+            for value in series.iter_mut() {
+                *value = one.next(*value);
+            }
         }
     }
 

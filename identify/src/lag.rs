@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::least_squares::effective_count;
 use crate::motion::{Motion, MotionError};
+use crate::parallel::in_parallel;
 
 /// An estimated lag of the effort behind the motion.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -56,12 +57,14 @@ pub fn scan(
     let residual = |shift: isize| -> Result<DVector<f64>, MotionError> {
         let tau = motion.regressor(&shifted(motion, shift))?;
         let target = DVector::from_iterator(inside.len(), inside.iter().map(|&k| tau[k]));
-        let theta = factor.solve(&(y.transpose() * &target));
+        let theta = factor.solve(&y.tr_mul(&target));
         Ok(target - &y * theta)
     };
-    let sums: Vec<f64> = (-steps..=steps)
-        .map(|shift| Ok(residual(shift)?.norm_squared()))
-        .collect::<Result<_, MotionError>>()?;
+    let shifts: Vec<isize> = (-steps..=steps).collect();
+    let sums = in_parallel(&shifts, |shift| Ok(residual(*shift)?.norm_squared()));
+    let sums = sums
+        .into_iter()
+        .collect::<Result<Vec<f64>, MotionError>>()?;
     let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else {
         return Ok(None);
     };

@@ -259,13 +259,22 @@ impl SplineMechanism {
         let bends =
             [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
         let mut entries = SparseColumns::with_capacity(motion.q.len(), 6);
+        let mut here = Vec::new();
         for (&q, &dq) in motion.q.iter().zip(&motion.dq) {
-            let closing = dq < 0.0;
-            let valve = &self.valves[usize::from(closing)];
-            let u = self.proportional(q, dq) * dq.abs();
-            let sign = if closing { -1.0 } else { 1.0 };
-            let bends = bends_of(valve, u, sign, bends[usize::from(closing)], total);
-            entries.push(self.damping_row(q, dq, u).chain(bends));
+            let closing = usize::from(dq < 0.0);
+            let (valve, coefficients) =
+                (&self.valves[closing], &self.damping_coefficients[closing]);
+            here.clear();
+            here.extend(self.tensor(q, dq.abs()));
+            let proportional: f64 = here.iter().map(|(j, value)| coefficients[*j] * value).sum();
+            let u = proportional * dq.abs();
+            let sign = if closing == 1 { -1.0 } else { 1.0 };
+            let bends = bends_of(valve, u, sign, bends[closing], total);
+            let (start, slope) = (closing * coefficients.len(), valve.slope(u));
+            let own = here
+                .iter()
+                .map(|(j, value)| (start + j, slope * value * dq));
+            entries.push(own.chain(bends));
         }
         let damping = motion.sparse_regressor(&entries, total + 1);
         let rest = damping.column(total).iter().copied().collect();
@@ -356,9 +365,10 @@ impl SplineMechanism {
             self.damping_speed.degree() + 1,
             self.damping_speed.len(),
         );
-        (0..dq * dv).map(move |k| {
-            let (i, j) = (k / dv, k % dv);
-            ((first_q + i) * nv + first_speed + j, in_q[i] * in_speed[j])
+        let over_q = (first_q..).zip(in_q).take(dq);
+        over_q.flat_map(move |(i, in_q)| {
+            let over_speed = (first_speed..).zip(in_speed).take(dv);
+            over_speed.map(move |(j, in_speed)| (i * nv + j, in_q * in_speed))
         })
     }
 }

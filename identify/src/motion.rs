@@ -21,6 +21,7 @@ pub use stroke::strokes;
 
 use core::ops::Range;
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use nalgebra::DMatrix;
 
@@ -138,6 +139,7 @@ pub struct Motion {
     smoothing: LowPass,
     filter: LowPass,
     kernel: kernel::Kernel,
+    smoothed_tau: OnceLock<Vec<f64>>,
 }
 
 /// An instant at which the tool slid on the handle.
@@ -159,6 +161,45 @@ impl Motion {
     /// # Errors
     /// [`MotionError`].
     pub fn prepare(samples: &JointSamples, settings: &MotionSettings) -> Result<Self, MotionError> {
+        let (mut motion, beside, cutoff) = Self::smoothed_states(samples, settings)?;
+        let total = gate::apply(&mut motion, cutoff);
+        if motion.find_slips(beside)? {
+            // How slow is stuck depends on the noise.
+            (motion.kept, motion.gated) = Default::default();
+            gate::apply(&mut motion, cutoff);
+            if !samples.aside.slips_left_in {
+                motion.leave_out_slips();
+            }
+        }
+        if motion.kept.len() < MIN_KEPT {
+            return Err(MotionError::AllGated {
+                kept: motion.kept.len(),
+                total,
+            });
+        }
+        Ok(motion)
+    }
+
+    /// Prepares `samples` of the same motion, which need no gates and no search for slips: fits use the same samples of them.
+    ///
+    /// # Errors
+    /// As [`Motion::prepare`], but for [`MotionError::AllGated`].
+    pub(crate) fn prepare_alike(
+        &self,
+        samples: &JointSamples,
+        settings: &MotionSettings,
+    ) -> Result<Self, MotionError> {
+        let (mut motion, ..) = Self::smoothed_states(samples, settings)?;
+        motion.kept.clone_from(&self.kept);
+        motion.slides.clone_from(&self.slides);
+        Ok(motion)
+    }
+
+    /// The motion before the gates, the pose across the path at the work rate, and the cut-off of the filter, Hz.
+    fn smoothed_states(
+        samples: &JointSamples,
+        settings: &MotionSettings,
+    ) -> Result<(Self, Vec<Vec<f64>>, f64), MotionError> {
         let rate = samples.rate_hz();
         let factor = (rate / settings.work_rate_hz).round().max(1.0) as usize;
         let work_rate = rate / factor as f64;
@@ -203,7 +244,7 @@ impl Motion {
         let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
         let turning = turn::velocity(&work, [&dq, &ddq], 2.0 * cutoff, period)?;
         let filter = LowPass::butterworth(settings.order, cutoff, work_rate)?;
-        let mut motion = Self {
+        let motion = Self {
             kind: samples.kind,
             period,
             sign: by_run(&work.runs, &turning, |part| Ok(mean_sign(part)))?,
@@ -228,23 +269,9 @@ impl Motion {
             kernel: kernel::Kernel::of(&filter, cutoff, work_rate)?,
             smoothing: smooth_filter,
             filter,
+            smoothed_tau: OnceLock::new(),
         };
-        let total = gate::apply(&mut motion, cutoff);
-        if motion.find_slips(work.beside)? {
-            // How slow is stuck depends on the noise.
-            (motion.kept, motion.gated) = Default::default();
-            gate::apply(&mut motion, cutoff);
-            if !samples.aside.slips_left_in {
-                motion.leave_out_slips();
-            }
-        }
-        if motion.kept.len() < MIN_KEPT {
-            return Err(MotionError::AllGated {
-                kept: motion.kept.len(),
-                total,
-            });
-        }
-        Ok(motion)
+        Ok((motion, work.beside, cutoff))
     }
 
     /// Frees the position's noise of the path and of what the tool slid by; whether it slid.
@@ -331,6 +358,15 @@ impl Motion {
         .map_err(MotionError::from)
     }
 
+    /// The effort as smooth as the coordinate; made once.
+    pub(crate) fn smoothed_effort(&self) -> Result<&[f64], MotionError> {
+        if let Some(effort) = self.smoothed_tau.get() {
+            return Ok(effort);
+        }
+        let effort = self.smoothed(&self.tau)?;
+        Ok(self.smoothed_tau.get_or_init(|| effort))
+    }
+
     /// The samples of a series that fits use.
     #[must_use]
     pub fn at_kept(&self, series: &[f64]) -> Vec<f64> {
@@ -342,12 +378,14 @@ impl Motion {
     /// # Errors
     /// As [`Motion::filtered`].
     pub fn regressor(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
-        let sliding: Vec<f64> = series
-            .iter()
-            .zip(&self.slides)
-            .map(|(value, slides)| if *slides { *value } else { 0.0 })
-            .collect();
-        self.regressor_of_all(&sliding)
+        self.regressor_of_all(&self.sliding(series))
+    }
+
+    /// A series with zeros where the joint rests: what [`Motion::regressor`] filters.
+    pub(crate) fn sliding(&self, series: &[f64]) -> Vec<f64> {
+        let all = series.iter().zip(&self.slides);
+        all.map(|(value, slides)| if *slides { *value } else { 0.0 })
+            .collect()
     }
 
     /// A regressor from derivatives of what was measured, which are filtered whole: cut off before the filter their noise, most of it
@@ -360,10 +398,14 @@ impl Motion {
         measured: &[f64],
         smooth: &[f64],
     ) -> Result<Vec<f64>, MotionError> {
+        self.regressor_of_all(&self.sliding_derivative(measured, smooth))
+    }
+
+    /// What [`Motion::regressor_of_derivative`] filters.
+    pub(crate) fn sliding_derivative(&self, measured: &[f64], smooth: &[f64]) -> Vec<f64> {
         let rests = smooth.iter().zip(&self.slides);
         let rests = rests.map(|(value, slides)| if *slides { 0.0 } else { *value });
-        let parts: Vec<f64> = measured.iter().zip(rests).map(|(m, r)| m - r).collect();
-        self.regressor_of_all(&parts)
+        measured.iter().zip(rests).map(|(m, r)| m - r).collect()
     }
 
     /// As [`Motion::regressor`], with what it has where the joint rests.
@@ -377,14 +419,7 @@ impl Motion {
                 needed: self.q.len(),
             }));
         }
-        let mut run = 0;
-        let filtered = self.kept.iter().map(|&i| {
-            while run + 1 < self.runs.len() && i >= self.runs[run].end {
-                run += 1;
-            }
-            self.kernel.at(&self.runs[run], i, series)
-        });
-        Ok(filtered.collect())
+        Ok(self.kernel.filtered(&self.runs, &self.kept, series))
     }
 
     /// Regressors that are zero nearly everywhere, as [`Motion::regressor`]; (kept samples, `columns`).
@@ -422,15 +457,6 @@ impl Motion {
     #[must_use]
     pub fn power_gain(&self, hz: f64) -> f64 {
         self.filter.gain(hz, 1.0 / self.period).powi(4)
-    }
-
-    /// What the fit's filter leaves of noise that is white up to `band_hz`, as a share of its root mean square.
-    #[must_use]
-    pub fn passes_of_white(&self, band_hz: f64) -> f64 {
-        const STEPS: u32 = 1000;
-        let width = band_hz / f64::from(STEPS);
-        let gain = |k: u32| self.power_gain((f64::from(k) + 0.5) * width);
-        ((0..STEPS).map(gain).sum::<f64>() / f64::from(STEPS)).sqrt()
     }
 
     /// Fold of each kept sample for held-out errors, `0..folds`: pairs of strokes (out and back) take turns. With fewer

@@ -89,27 +89,53 @@ pub fn identify_confirmed(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let cannot = |path: &Path, source| IdentifyError::Confirm {
+    let mut read = || -> Result<_, IdentifyError> {
+        let mut recording = Recording::load(path, map)?;
+        progress(Stage::Read);
+        let tool = ToolSamples::from_recording(&recording)?;
+        // Hours of samples, all of them in `tool` now.
+        recording.wrench = Vec::new();
+        recording.pose.samples = Vec::new();
+        let held = held_part(&recording, &tool, settings, progress)?;
+        Ok((recording, tool, held))
+    };
+    let (others, read) = std::thread::scope(|threads| {
+        let others = threads.spawn(|| read_others(confirm, map, settings));
+        let read = read();
+        match others.join() {
+            Ok(others) => (others, read),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    });
+    let (others, hashes): (Vec<_>, Vec<_>) = others?.into_iter().unzip();
+    let (recording, tool, held) = read?;
+    if let Some(at) = hashes.iter().position(|hash| *hash == recording.sha256) {
+        return Err(cannot_confirm(&confirm[at], IdentifyError::ConfirmsItself));
+    }
+    identify_with(&recording, (tool, held), &others, settings, progress)
+}
+
+fn cannot_confirm(path: &Path, source: IdentifyError) -> IdentifyError {
+    IdentifyError::Confirm {
         path: path.to_owned(),
         source: Box::new(source),
+    }
+}
+
+/// The confirming recordings: name and joint samples, and the file's hash.
+fn read_others(
+    confirm: &[PathBuf],
+    map: &TopicMap,
+    settings: &MotionSettings,
+) -> Result<Vec<((String, JointSamples), String)>, IdentifyError> {
+    let read = |path: &PathBuf| -> Result<_, IdentifyError> {
+        let recording = Recording::load(path, map)?;
+        let samples = joint_samples(&recording, settings)?;
+        Ok(((file_name(path), samples), recording.sha256))
     };
-    let (mut others, mut hashes) = (Vec::new(), Vec::new());
-    for other in confirm {
-        let recording = Recording::load(other, map).map_err(|error| cannot(other, error.into()))?;
-        let samples = joint_samples(&recording, settings).map_err(|error| cannot(other, error))?;
-        others.push((file_name(other), samples));
-        hashes.push(recording.sha256);
-    }
-    let mut recording = Recording::load(path, map)?;
-    if let Some(at) = hashes.iter().position(|hash| *hash == recording.sha256) {
-        return Err(cannot(&confirm[at], IdentifyError::ConfirmsItself));
-    }
-    progress(Stage::Read);
-    let tool = ToolSamples::from_recording(&recording)?;
-    // Hours of samples, all of them in `tool` now.
-    recording.wrench = Vec::new();
-    recording.pose.samples = Vec::new();
-    identify_with(&recording, tool, &others, settings, progress)
+    let each = confirm.iter();
+    each.map(|path| read(path).map_err(|error| cannot_confirm(path, error)))
+        .collect()
 }
 
 /// Joint coordinate and effort of the held part of a recording, by its own joint.
@@ -137,19 +163,32 @@ pub fn identify_loaded(
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
     let tool = ToolSamples::from_recording(recording)?;
-    identify_with(recording, tool, &[], settings, progress)
+    let held = held_part(recording, &tool, settings, progress)?;
+    identify_with(recording, (tool, held), &[], settings, progress)
 }
 
 /// `tool` holds the recording's samples; `recording` may be rid of them.
+fn held_part(
+    recording: &Recording,
+    tool: &ToolSamples,
+    settings: &MotionSettings,
+    progress: &mut dyn FnMut(Stage),
+) -> Result<Held, IdentifyError> {
+    let kinematics = ToolKinematics::of(tool)?;
+    progress(Stage::Aligned);
+    let held = Held::of(recording, tool, &kinematics, settings, progress)?;
+    progress(Stage::Joint);
+    Ok(held)
+}
+
+/// As [`held_part`].
 fn identify_with(
     recording: &Recording,
-    tool: ToolSamples,
+    (tool, held): (ToolSamples, Held),
     others: &[(String, JointSamples)],
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let kinematics = ToolKinematics::of(&tool)?;
-    progress(Stage::Aligned);
     let Held {
         grasp,
         payload,
@@ -157,8 +196,7 @@ fn identify_with(
         joint,
         saturated,
         effort,
-    } = Held::of(recording, &tool, &kinematics, settings, progress)?;
-    progress(Stage::Joint);
+    } = held;
     let here = joint.axis.kind;
     if let Some((file, there)) = others.iter().find(|(_, other)| other.kind != here) {
         let (here, there) = (here.name(), there.kind.name());
@@ -167,7 +205,6 @@ fn identify_with(
             source: Box::new(IdentifyError::OtherJoint { here, there }),
         });
     }
-    drop(kinematics);
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
     let period = tool.period;
     drop(tool);

@@ -70,18 +70,14 @@ impl Basis {
             .clamp(0.0, self.intervals as f64);
         let piece = (scaled as usize).min(self.intervals - 1);
         let u = scaled - piece as f64;
-        // Cox and de Boor on unit knots: after round d, values[j] is the degree-d function number j of this piece.
-        let mut values = [0.0; 6];
-        values[0] = 1.0;
-        for d in 1..=self.degree {
-            let mut carried = 0.0;
-            for (j, value) in values.iter_mut().enumerate().take(d + 1) {
-                let old = if j < d { *value } else { 0.0 };
-                let right = (j as f64 + 1.0 - u) / d as f64 * old;
-                *value = carried + right;
-                carried = (u + (d - 1 - j.min(d - 1)) as f64) / d as f64 * old;
-            }
-        }
+        let values = match self.degree {
+            0 => functions::<0>(u),
+            1 => functions::<1>(u),
+            2 => functions::<2>(u),
+            3 => functions::<3>(u),
+            4 => functions::<4>(u),
+            _ => functions::<5>(u),
+        };
         (piece, values)
     }
 
@@ -120,6 +116,24 @@ impl Basis {
         }
         out
     }
+}
+
+/// The functions that are not zero on a piece, `u` (0 to 1) along it, by Cox and de Boor on unit knots: after round d, values[j] is
+/// the degree-d function number j of this piece.
+#[inline(always)]
+fn functions<const DEGREE: usize>(u: f64) -> [f64; 6] {
+    let mut values = [0.0; 6];
+    values[0] = 1.0;
+    for d in 1..=DEGREE {
+        let mut carried = 0.0;
+        for (j, value) in values.iter_mut().enumerate().take(d + 1) {
+            let old = if j < d { *value } else { 0.0 };
+            let right = (j as f64 + 1.0 - u) / d as f64 * old;
+            *value = carried + right;
+            carried = (u + (d - 1 - j.min(d - 1)) as f64) / d as f64 * old;
+        }
+    }
+    values
 }
 
 #[cfg(test)]

@@ -112,12 +112,23 @@ impl Recording {
         map: &TopicMap,
         needs_pose: bool,
     ) -> Result<(Self, KnownFrames), ReadError> {
-        let sha256 = sha256_of(path)?;
-        let mut reader = RecordReader::open(path)?;
-        let mut loader = Loader::new(map);
-        while let Some(record) = reader.next_record()? {
-            loader.take(record);
-        }
+        let read = || -> Result<_, ReadError> {
+            let mut reader = RecordReader::open(path)?;
+            let mut loader = Loader::new(map);
+            while let Some(record) = reader.next_record()? {
+                loader.take(record);
+            }
+            Ok((reader, loader))
+        };
+        let (sha256, read) = std::thread::scope(|threads| {
+            let sha256 = threads.spawn(|| sha256_of(path));
+            let read = read();
+            match sha256.join() {
+                Ok(sha256) => (sha256, read),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        });
+        let (sha256, (reader, loader)) = (sha256?, read?);
         let frames = loader.known_frames();
         let recording = loader.finish(path, sha256, reader.damage(), needs_pose)?;
         Ok((recording, frames))

@@ -49,7 +49,7 @@ impl Breakaway {
         let (low, high) = extrema(&motion.q);
         let (from, to) = (low + END * (high - low), high - END * (high - low));
         let sliding = Sliding::of(motion, found, theta);
-        let effort = motion.smoothed(&motion.tau)?;
+        let effort = motion.smoothed_effort()?;
         let friction = |j: usize| {
             effort[j] - theta[0] * motion.ddq[j] - theta[2] * motion.dq[j] - sliding.load(j)
         };

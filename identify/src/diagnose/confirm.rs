@@ -3,7 +3,7 @@
 //! Inertia, friction and the object's effects keep the numbers of the first recording; what belongs to a recording (bias,
 //! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
 
-use super::model::{Found, Ground, in_parallel, is_known};
+use super::model::{Found, Ground, is_known};
 use super::score::Problem;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::shapes::polished;
@@ -12,6 +12,7 @@ use crate::effect::library::{Belongs, Search, kind};
 use crate::effect::slip::SLIP;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
+use crate::parallel::in_parallel;
 use crate::samples::{JointSamples, extrema};
 
 /// Errors on a confirming recording.

@@ -1,8 +1,10 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
+use nalgebra::{Cholesky, DVector, Dyn};
+
 use super::gates::{GIVES, LEAST_SIZE};
 use super::model::{Found, Ground, is_known, is_smooth_load};
-use super::score::{Problem, solve};
+use super::score::{Problem, factor, gram};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
@@ -11,6 +13,7 @@ use crate::effect::load::STRUT;
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
+use crate::products::dot;
 
 /// Kinds that only a tare tells apart: on moving samples their regressors agree.
 const ALIAS: (&str, &str) = ("constant_load", "asymmetric_coulomb");
@@ -254,10 +257,12 @@ impl State {
         others.remove(i);
         let without = self.ground.plain_columns(&others)?;
         let base = self.ground.plain_columns(&[])?;
-        let own = |x: &[Vec<f64>], column: &[f64]| {
-            let theta = solve(x, column).unwrap_or_default();
+        let [all, without, base] = [all, without, base].map(|x| (factor(&gram(&x)), x));
+        let own = |(factor, x): &(Option<Cholesky<f64, Dyn>>, Vec<Vec<f64>>), column: &[f64]| {
+            let right = DVector::from_fn(x.len(), |i, _| dot(&x[i], column));
+            let theta = factor.as_ref().map(|factor| factor.solve(&right));
             let mut left = column.to_vec();
-            for (x, theta) in x.iter().zip(&theta) {
+            for (x, theta) in x.iter().zip(theta.iter().flat_map(|theta| theta.iter())) {
                 for (left, value) in left.iter_mut().zip(x) {
                     *left -= theta * value;
                 }

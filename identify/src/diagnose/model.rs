@@ -1,6 +1,7 @@
 //! The model so far on a motion: base columns and those of the effects found, and the bank of candidates beside it.
 
-use core::num::NonZero;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::score::{Folds, solve};
 use crate::effect::axis::FARTHEST;
@@ -9,6 +10,7 @@ use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
 use crate::noise::Slopes;
+use crate::parallel::in_parallel;
 use crate::spline::Basis;
 
 /// An effect of the library with its shape.
@@ -44,6 +46,15 @@ impl Found {
     #[must_use]
     pub fn taken_out(&self) -> bool {
         self.used.iter().all(|used| !used)
+    }
+
+    /// Whether it has the same regressors.
+    fn is_same(&self, other: &Self) -> bool {
+        core::ptr::eq(self.kind, other.kind)
+            && self.shape == other.shape
+            && self.used == other.used
+            && self.rigid == other.rigid
+            && self.datum == other.datum
     }
 
     /// What its effort grows by per unit of the coordinate at each sample of a motion, with `theta` for the used terms; nothing
@@ -161,6 +172,31 @@ pub(super) struct Ground {
     pub(super) active: [bool; 3],
     /// A load over the coordinate that no effect of the library explains, beside which the search goes on; empty at first.
     pub(super) curve: Vec<Vec<f64>>,
+    made: Made,
+}
+
+/// Filtered columns of effects that were asked for lately, the last ones first.
+#[derive(Default)]
+struct Made(Mutex<VecDeque<(Found, Columns)>>);
+
+/// Columns that are shared, not copied.
+pub(super) type Columns = Arc<Vec<Vec<f64>>>;
+
+/// As many as the trials of a search go back to.
+const MOST_MADE: usize = 32;
+
+impl Made {
+    fn get(&self, found: &Found) -> Option<Columns> {
+        let made = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let same = made.iter().find(|(old, _)| old.is_same(found));
+        same.map(|(_, columns)| Arc::clone(columns))
+    }
+
+    fn put(&self, found: &Found, columns: &Columns) {
+        let mut made = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        made.truncate(MOST_MADE - 1);
+        made.push_front((found.clone(), Arc::clone(columns)));
+    }
 }
 
 /// Pieces of the curve: as smooth as springs, struts and weights are, so that notches and magnets are not in it.
@@ -183,6 +219,7 @@ impl Ground {
             rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
             active: [true; 3],
             curve: Vec::new(),
+            made: Made::default(),
         })
     }
 
@@ -222,11 +259,26 @@ impl Ground {
     pub(super) fn all_columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
         let mut out = self.base.clone();
         for effect in effects {
-            for series in effect.series(&self.motion) {
-                out.push(self.motion.regressor(&series)?);
-            }
+            out.extend(self.columns_with(effect)?.iter().cloned());
         }
         Ok(out)
+    }
+
+    /// Filtered columns of an effect, which will be asked for again.
+    pub(super) fn columns_with(&self, found: &Found) -> Result<Columns, MotionError> {
+        if let Some(columns) = self.made.get(found) {
+            return Ok(columns);
+        }
+        let columns = Arc::new(self.filtered(found)?);
+        self.made.put(found, &columns);
+        Ok(columns)
+    }
+
+    /// Filtered columns of an effect.
+    pub(super) fn filtered(&self, found: &Found) -> Result<Vec<Vec<f64>>, MotionError> {
+        let series = found.series(&self.motion);
+        let columns = series.iter().map(|series| self.motion.regressor(series));
+        columns.collect()
     }
 
     pub(super) fn scope(&self) -> Scope<'_> {
@@ -319,38 +371,6 @@ pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
         }))
     });
     made.into_iter().filter_map(Result::transpose).collect()
-}
-
-/// `f` of each item, in order, on all processors.
-pub(super) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
-    let size = items.len().div_ceil(4 * threads).max(1);
-    let chunks: Vec<&[T]> = items.chunks(size).collect();
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let work = || {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            let Some(chunk) = chunks.get(index) else {
-                return done;
-            };
-            done.push((index, chunk.iter().map(&f).collect::<Vec<R>>()));
-        }
-    };
-    let mut parts: Vec<(usize, Vec<R>)> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..threads.min(chunks.len()))
-            .map(|_| scope.spawn(work))
-            .collect();
-        handles
-            .into_iter()
-            .flat_map(|handle| match handle.join() {
-                Ok(done) => done,
-                Err(panic) => std::panic::resume_unwind(panic),
-            })
-            .collect()
-    });
-    parts.sort_by_key(|(index, _)| *index);
-    parts.into_iter().flat_map(|(_, done)| done).collect()
 }
 
 /// Whether it is sure from elsewhere than the effort: weight about an axis that is seen to lean.

@@ -6,12 +6,12 @@
 //! reversals and of everything that depends on them is in it.
 
 use super::model::{Found, Ground};
+use crate::effect::RigidBody;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
+use crate::parallel::in_parallel;
 use crate::samples::JointSamples;
-
-use super::model::in_parallel;
 
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
@@ -103,12 +103,23 @@ fn error_of(
         },
         aside: crate::samples::Aside::default(),
     };
-    let mut seen = Motion::prepare(&noisy, settings)?;
-    seen.kept.clone_from(&motion.kept);
-    seen.slides.clone_from(&motion.slides);
-    let there = Ground::of(seen)?;
-    let predicted = combine(&there.all_columns(effects)?, theta);
-    Ok(there.y.iter().zip(&predicted).map(|(y, p)| y - p).collect())
+    left_by(&motion.prepare_alike(&noisy, settings)?, effects, theta)
+}
+
+/// What a model leaves of a motion's effort at the fit's samples; the filter is linear, so once is enough.
+fn left_by(motion: &Motion, effects: &[Found], theta: &[f64]) -> Result<Vec<f64>, MotionError> {
+    let mut left = motion.sliding(&motion.tau);
+    let mut series = RigidBody::sliding(motion).to_vec();
+    for effect in effects {
+        let own = effect.series(motion).into_iter();
+        series.extend(own.map(|series| motion.sliding(&series)));
+    }
+    for (series, theta) in series.iter().zip(theta) {
+        for (left, value) in left.iter_mut().zip(series) {
+            *left -= theta * value;
+        }
+    }
+    motion.regressor_of_all(&left)
 }
 
 /// A series like the position sensor's noise: its own series, moved in time and mixed; white when there are none.

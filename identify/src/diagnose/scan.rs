@@ -1,11 +1,12 @@
 //! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
 
-use super::model::{Candidate, Found, Ground, friction_holds, in_parallel, signs_hold};
+use super::model::{Candidate, Found, Ground, friction_holds, signs_hold};
 use super::score::Problem;
 use super::shapes::polished;
 use crate::effect::library::{Kind, Search};
 use crate::least_squares::rms;
 use crate::motion::MotionError;
+use crate::parallel::in_parallel;
 
 /// The best of one kind beside the current model.
 #[derive(Clone, Debug)]

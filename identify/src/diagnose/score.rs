@@ -3,6 +3,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
+use crate::products::{Table, dot, in_vectors};
+
 /// Blocks of strokes that are held out in turn: fold of each sample, and their number.
 pub(super) type Folds = (Vec<usize>, usize);
 
@@ -11,8 +13,13 @@ pub(super) struct Problem<'a> {
     x: &'a [Vec<f64>],
     ys: &'a [Vec<f64>],
     folds: &'a Folds,
+    /// The model's columns, and behind them the efforts.
+    table: Table,
+    /// By fold.
     gram: Vec<DMatrix<f64>>,
-    right: Vec<Vec<DVector<f64>>>,
+    /// By fold: products of the model's columns with the efforts.
+    right: Vec<Many>,
+    /// By fold: squares of the efforts.
     square: Vec<Vec<f64>>,
     samples: usize,
 }
@@ -35,32 +42,30 @@ pub(super) struct Outcome {
 impl<'a> Problem<'a> {
     pub(super) fn new(x: &'a [Vec<f64>], ys: &'a [Vec<f64>], folds: &'a Folds) -> Self {
         let (p, count) = (x.len(), folds.1);
+        let all: Vec<&[f64]> = x.iter().chain(ys).map(Vec::as_slice).collect();
+        let table = Table::new(all.into_iter(), folds);
         let mut gram = vec![DMatrix::zeros(p, p); count];
-        for i in 0..p {
-            for j in 0..=i {
-                for (fold, value) in by_fold(&x[i], &x[j], folds).into_iter().enumerate() {
-                    gram[fold][(i, j)] = value;
-                    gram[fold][(j, i)] = value;
+        let mut right = vec![Many::zeros(p, ys.len()); count];
+        for (i, column) in x.iter().enumerate() {
+            let products = table.products(column);
+            for (fold, products) in products.chunks(p + ys.len()).enumerate() {
+                for (j, value) in products[..p].iter().enumerate() {
+                    gram[fold][(i, j)] = *value;
                 }
+                right[fold].row_mut(i).copy_from_slice(&products[p..]);
             }
         }
-        let right = ys
-            .iter()
-            .map(|y| {
-                let mut out = vec![DVector::zeros(p); count];
-                for (i, column) in x.iter().enumerate() {
-                    for (fold, value) in by_fold(column, y, folds).into_iter().enumerate() {
-                        out[fold][i] = value;
-                    }
-                }
-                out
-            })
-            .collect();
-        let square = ys.iter().map(|y| by_fold(y, y, folds)).collect();
+        let mut square = vec![vec![0.0; ys.len()]; count];
+        for (k, y) in ys.iter().enumerate() {
+            for (a, fold) in y.iter().zip(&folds.0) {
+                square[*fold][k] += a * a;
+            }
+        }
         Self {
             x,
             ys,
             folds,
+            table,
             gram,
             right,
             square,
@@ -99,26 +104,8 @@ impl<'a> Problem<'a> {
     }
 
     fn scored(&self, columns: &[&[f64]], efforts: usize, new: bool) -> Option<Vec<Outcome>> {
-        let (p, m, count) = (self.x.len(), columns.len(), self.folds.1);
-        let total = p + m;
-        let mut gram: Vec<DMatrix<f64>> = self
-            .gram
-            .iter()
-            .map(|old| {
-                let mut new = DMatrix::zeros(total, total);
-                new.view_mut((0, 0), (p, p)).copy_from(old);
-                new
-            })
-            .collect();
-        for (i, column) in columns.iter().enumerate() {
-            for j in 0..p + i + 1 {
-                let other: &[f64] = if j < p { &self.x[j] } else { columns[j - p] };
-                for (fold, value) in by_fold(column, other, self.folds).into_iter().enumerate() {
-                    gram[fold][(p + i, j)] = value;
-                    gram[fold][(j, p + i)] = value;
-                }
-            }
-        }
+        let p = self.x.len();
+        let (gram, right) = self.normal(columns, efforts);
         let all = sum(&gram);
         if new && !self.adds_something(&all, p) {
             return None;
@@ -129,64 +116,92 @@ impl<'a> Problem<'a> {
             .map(|fold| {
                 // What only the held-out block shows stays as all blocks have it.
                 let mut rest = &all - fold;
-                for i in 0..total {
+                for i in 0..all.nrows() {
                     rest[(i, i)] += UNSEEN * all[(i, i)];
                 }
                 factor(&rest)
             })
             .collect::<Option<_>>()?;
+        let mut together = Many::zeros(all.nrows(), efforts);
+        for fold in &right {
+            together.add(1.0, fold);
+        }
+        let mut theta = together.clone();
+        theta.solve(&full);
+        let seen = theta.scaled(all.diagonal().scale(UNSEEN).as_slice());
+        // By fold, the mean square of each effort.
+        let blocks: Vec<Vec<f64>> = (0..gram.len())
+            .map(|fold| {
+                let mut rest = together.clone();
+                rest.add(-1.0, &right[fold]);
+                rest.add(1.0, &seen);
+                rest.solve(&parts[fold]);
+                let (linear, quadratic) = (rest.dot(&right[fold]), rest.quadratic(&gram[fold]));
+                let errors = linear.iter().zip(&quadratic).zip(&self.square[fold]);
+                errors
+                    .map(|((l, q), square)| (square - 2.0 * l + q).max(0.0) / self.samples as f64)
+                    .collect()
+            })
+            .collect();
+        let explained = theta.dot(&together);
         let outcomes = (0..efforts).map(|k| {
-            let mut right = vec![DVector::zeros(total); count];
-            for (fold, old) in right.iter_mut().zip(&self.right[k]) {
-                fold.rows_mut(0, p).copy_from(old);
-            }
-            for (i, column) in columns.iter().enumerate() {
-                for (fold, value) in by_fold(column, &self.ys[k], self.folds)
-                    .into_iter()
-                    .enumerate()
-                {
-                    right[fold][p + i] = value;
-                }
-            }
-            let together = right
-                .iter()
-                .fold(DVector::zeros(total), |sum, part| sum + part);
-            let theta = full.solve(&together);
-            let blocks: Vec<f64> = (0..count)
-                .map(|fold| {
-                    let mut rest = &together - &right[fold];
-                    for i in 0..total {
-                        rest[i] += UNSEEN * all[(i, i)] * theta[i];
-                    }
-                    let theta = parts[fold].solve(&rest);
-                    (self.square[k][fold] - 2.0 * theta.dot(&right[fold])
-                        + theta.dot(&(&gram[fold] * &theta)))
-                    .max(0.0)
-                        / self.samples as f64
-                })
-                .collect();
-            let square: f64 = self.square[k].iter().sum();
+            let blocks: Vec<f64> = blocks.iter().map(|block| block[k]).collect();
+            let square: f64 = self.square.iter().map(|fold| fold[k]).sum();
+            let of = |rows: core::ops::Range<usize>| rows.map(|i| theta.row(i)[k]).collect();
             Outcome {
                 mse: blocks.iter().sum(),
-                fit: (square - theta.dot(&together)).max(0.0) / self.samples as f64,
+                fit: (square - explained[k]).max(0.0) / self.samples as f64,
                 blocks,
-                theta: theta.as_slice()[p..].to_vec(),
-                rest: theta.as_slice()[..p].to_vec(),
+                theta: of(p..all.nrows()),
+                rest: of(0..p),
             }
         });
         Some(outcomes.collect())
+    }
+
+    /// By fold, the normal matrix with further columns, and its right sides for the first efforts.
+    fn normal(&self, columns: &[&[f64]], efforts: usize) -> (Vec<DMatrix<f64>>, Vec<Many>) {
+        let (p, total) = (self.x.len(), self.x.len() + columns.len());
+        let folds = self.gram.iter().zip(&self.right);
+        let (mut gram, mut right): (Vec<_>, Vec<_>) = folds
+            .map(|(gram, right)| {
+                let mut wider = Many::zeros(total, efforts);
+                for i in 0..p {
+                    wider.row_mut(i).copy_from_slice(&right.row(i)[..efforts]);
+                }
+                (gram.clone().resize(total, total, 0.0), wider)
+            })
+            .unzip();
+        for (i, column) in columns.iter().enumerate() {
+            let products = self.table.products(column);
+            for (fold, products) in products.chunks(p + self.ys.len()).enumerate() {
+                for (j, value) in products[..p].iter().enumerate() {
+                    gram[fold][(p + i, j)] = *value;
+                    gram[fold][(j, p + i)] = *value;
+                }
+                let own = right[fold].row_mut(p + i);
+                own.copy_from_slice(&products[p..p + efforts]);
+            }
+            for (j, other) in columns[..=i].iter().enumerate() {
+                for ((a, b), fold) in column.iter().zip(*other).zip(&self.folds.0) {
+                    gram[*fold][(p + i, p + j)] += a * b;
+                }
+                for fold in &mut gram {
+                    fold[(p + j, p + i)] = fold[(p + i, p + j)];
+                }
+            }
+        }
+        (gram, right)
     }
 
     /// Whether each of the columns from `p` on has a part of its own.
     fn adds_something(&self, all: &DMatrix<f64>, p: usize) -> bool {
         let total = all.ncols();
         (p..total).all(|j| {
-            let others: Vec<usize> = (0..j).collect();
-            let part = all.select_rows(&others).select_columns(&others);
-            let Some(factor) = factor(&part) else {
+            let Some(factor) = factor(&all.view((0, 0), (j, j)).into_owned()) else {
                 return false;
             };
-            let cross = all.column(j).select_rows(&others);
+            let cross = all.view((0, j), (j, 1)).into_owned();
             let own = all[(j, j)] - cross.dot(&factor.solve(&cross));
             own > 2e-4 * all[(j, j)] && all[(j, j)] > 0.0
         })
@@ -197,13 +212,117 @@ impl<'a> Problem<'a> {
 /// tested, what one alone shows (one stroke is fast enough to open a valve) is not made up from nothing.
 const UNSEEN: f64 = 0.01;
 
-/// Products of two columns, by fold.
-fn by_fold(a: &[f64], b: &[f64], folds: &Folds) -> Vec<f64> {
-    let mut out = vec![0.0; folds.1];
-    for ((a, b), fold) in a.iter().zip(b).zip(&folds.0) {
-        out[*fold] += a * b;
+/// Vectors side by side, one for each effort: entry `i` of all of them is row `i`.
+#[derive(Clone)]
+struct Many {
+    values: Vec<f64>,
+    count: usize,
+}
+
+impl Many {
+    fn zeros(length: usize, count: usize) -> Self {
+        Self {
+            values: vec![0.0; length * count],
+            count,
+        }
     }
-    out
+
+    fn row(&self, i: usize) -> &[f64] {
+        &self.values[i * self.count..(i + 1) * self.count]
+    }
+
+    fn row_mut(&mut self, i: usize) -> &mut [f64] {
+        &mut self.values[i * self.count..(i + 1) * self.count]
+    }
+
+    fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.values.chunks_exact(self.count)
+    }
+
+    fn add(&mut self, times: f64, other: &Self) {
+        add(&mut self.values, times, &other.values);
+    }
+
+    /// Row `i` times `factors[i]`.
+    fn scaled(&self, factors: &[f64]) -> Self {
+        let mut out = Self::zeros(factors.len(), self.count);
+        for (i, factor) in factors.iter().enumerate() {
+            add(out.row_mut(i), *factor, self.row(i));
+        }
+        out
+    }
+
+    /// Takes each vector to the solution with it on the right side.
+    fn solve(&mut self, factor: &Cholesky<f64, Dyn>) {
+        let lower = factor.l_dirty();
+        let n = lower.nrows();
+        in_vectors(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let (done, rest) = self.values.split_at_mut((i + 1) * self.count);
+                    let own = &mut done[i * self.count..];
+                    for value in own.iter_mut() {
+                        *value /= lower[(i, i)];
+                    }
+                    for (k, row) in rest.chunks_exact_mut(self.count).enumerate() {
+                        add_inline(row, -lower[(i + 1 + k, i)], own);
+                    }
+                }
+                for i in (0..n).rev() {
+                    let (before, done) = self.values.split_at_mut((i + 1) * self.count);
+                    let own = &mut before[i * self.count..];
+                    for (k, row) in done.chunks_exact(self.count).enumerate() {
+                        add_inline(own, -lower[(i + 1 + k, i)], row);
+                    }
+                    for value in own.iter_mut() {
+                        *value /= lower[(i, i)];
+                    }
+                }
+            },
+        );
+    }
+
+    /// Scalar product of each vector with its like in `other`.
+    fn dot(&self, other: &Self) -> Vec<f64> {
+        let mut out = vec![0.0; self.count];
+        for (a, b) in self.rows().zip(other.rows()) {
+            for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+                *out += a * b;
+            }
+        }
+        out
+    }
+
+    /// `v' A v` of each vector.
+    fn quadratic(&self, a: &DMatrix<f64>) -> Vec<f64> {
+        let mut product = Self::zeros(a.nrows(), self.count);
+        in_vectors(
+            #[inline(always)]
+            || {
+                for i in 0..a.nrows() {
+                    for (j, row) in self.values.chunks_exact(self.count).enumerate() {
+                        add_inline(product.row_mut(i), a[(i, j)], row);
+                    }
+                }
+            },
+        );
+        self.dot(&product)
+    }
+}
+
+fn add(to: &mut [f64], times: f64, what: &[f64]) {
+    in_vectors(
+        #[inline(always)]
+        || add_inline(to, times, what),
+    );
+}
+
+#[inline(always)]
+fn add_inline(to: &mut [f64], times: f64, what: &[f64]) {
+    for (to, value) in to.iter_mut().zip(what) {
+        *to += times * value;
+    }
 }
 
 fn sum(parts: &[DMatrix<f64>]) -> DMatrix<f64> {
@@ -214,7 +333,8 @@ fn sum(parts: &[DMatrix<f64>]) -> DMatrix<f64> {
     out
 }
 
-fn factor(gram: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+/// The normal matrix of least squares, factored.
+pub(super) fn factor(gram: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
     let mut gram = gram.clone();
     for i in 0..gram.ncols() {
         gram[(i, i)] *= 1.0 + 1e-9;
@@ -225,10 +345,20 @@ fn factor(gram: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
 
 /// Solves the least squares of `y` on `x`.
 pub(super) fn solve(x: &[Vec<f64>], y: &[f64]) -> Option<Vec<f64>> {
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let gram = DMatrix::from_fn(x.len(), x.len(), |i, j| dot(&x[i], &x[j]));
     let right = DVector::from_fn(x.len(), |i, _| dot(&x[i], y));
-    Some(factor(&gram)?.solve(&right).as_slice().to_vec())
+    Some(factor(&gram(x))?.solve(&right).as_slice().to_vec())
+}
+
+/// The normal matrix of least squares on `x`.
+pub(super) fn gram(x: &[Vec<f64>]) -> DMatrix<f64> {
+    let mut out = DMatrix::zeros(x.len(), x.len());
+    for i in 0..x.len() {
+        for j in 0..=i {
+            out[(i, j)] = dot(&x[i], &x[j]);
+            out[(j, i)] = out[(i, j)];
+        }
+    }
+    out
 }
 
 #[cfg(test)]

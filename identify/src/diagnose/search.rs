@@ -320,11 +320,10 @@ impl State {
         let mut lag = entry.theta[0];
         let original = self.samples.clone();
         for _ in 0..5 {
-            self.shift(original.with_effort_earlier(lag))?;
-            let x = self.ground.columns(&self.found())?;
-            let mut wide = x.clone();
-            wide.extend(self.ground.columns_of(entry.kind, &[])?);
-            let rest = solve(&wide, &self.ground.y).and_then(|theta| theta.last().copied());
+            let ground = self.shifted(&original.with_effort_earlier(lag))?;
+            let mut wide = ground.columns(&self.found())?;
+            wide.extend(ground.columns_of(entry.kind, &[])?);
+            let rest = solve(&wide, &ground.y).and_then(|theta| theta.last().copied());
             let rest = rest.unwrap_or(0.0);
             if rest.abs() < 1e-4 {
                 break;
@@ -337,12 +336,17 @@ impl State {
         Ok(())
     }
 
-    pub(super) fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
-        let curved = !self.ground.curve.is_empty();
-        self.ground = Ground::of(Motion::prepare(&samples, &self.settings)?)?;
-        if curved {
-            self.ground.curve = self.ground.smooth_load()?;
+    /// The ground of other samples, with a curve where there is one.
+    fn shifted(&self, samples: &JointSamples) -> Result<Ground, DynamicsError> {
+        let mut ground = Ground::of(Motion::prepare(samples, &self.settings)?)?;
+        if !self.ground.curve.is_empty() {
+            ground.curve = ground.smooth_load()?;
         }
+        Ok(ground)
+    }
+
+    pub(super) fn shift(&mut self, samples: JointSamples) -> Result<(), DynamicsError> {
+        self.ground = self.shifted(&samples)?;
         let known: Vec<&str> = self
             .bank
             .iter()

@@ -3,9 +3,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::model::{Found, Ground, signs_hold};
-use super::score::solve;
+use super::model::{Columns, Found, Ground, signs_hold};
+use super::score::{factor, gram};
 use crate::effect::library::Search;
+use crate::products::dot;
 
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
@@ -68,26 +69,50 @@ impl Free {
     }
 }
 
+/// The columns beside the effects and the effort, with what they have in common.
+struct Beside<'a> {
+    x: &'a [Vec<f64>],
+    y: &'a [f64],
+    gram: DMatrix<f64>,
+    right: Vec<f64>,
+}
+
+impl<'a> Beside<'a> {
+    fn new(x: &'a [Vec<f64>], y: &'a [f64]) -> Self {
+        Self {
+            x,
+            y,
+            gram: gram(x),
+            right: x.iter().map(|column| dot(column, y)).collect(),
+        }
+    }
+}
+
 /// A trial: the effects' columns, all terms, and the sum of squares they leave.
 struct Trial {
     effects: Vec<Found>,
-    columns: Vec<Vec<Vec<f64>>>,
+    columns: Vec<Columns>,
+    /// Of the columns beside the effects and those of the effects.
+    gram: DMatrix<f64>,
     theta: Vec<f64>,
     residual: Vec<f64>,
     square: f64,
 }
 
 impl Trial {
-    fn of(
-        x: &[Vec<f64>],
-        y: &[f64],
-        effects: Vec<Found>,
-        columns: Vec<Vec<Vec<f64>>>,
-    ) -> Option<Self> {
-        let mut all = x.to_vec();
-        all.extend(columns.iter().flatten().cloned());
-        let theta = solve(&all, y)?;
-        let mut at = x.len();
+    fn of(beside: &Beside<'_>, effects: Vec<Found>, columns: Vec<Columns>) -> Option<Self> {
+        let all: Vec<&Vec<f64>> = beside
+            .x
+            .iter()
+            .chain(columns.iter().flat_map(|own| own.iter()))
+            .collect();
+        let own = &all[beside.x.len()..];
+        let gram = bordered(&beside.gram, &all);
+        let of_own = own.iter().map(|column| dot(column, beside.y));
+        let right = beside.right.iter().copied().chain(of_own);
+        let right = DVector::from_iterator(all.len(), right);
+        let theta = factor(&gram)?.solve(&right).as_slice().to_vec();
+        let mut at = beside.x.len();
         for found in &effects {
             let count = found.terms().count();
             if !signs_hold(found.kind, &found.used, &theta[at..at + count]) {
@@ -95,9 +120,9 @@ impl Trial {
             }
             at += count;
         }
-        let mut residual = y.to_vec();
+        let mut residual = beside.y.to_vec();
         for (column, theta) in all.iter().zip(&theta) {
-            for (left, value) in residual.iter_mut().zip(column) {
+            for (left, value) in residual.iter_mut().zip(*column) {
                 *left -= theta * value;
             }
         }
@@ -105,6 +130,7 @@ impl Trial {
         Some(Self {
             effects,
             columns,
+            gram,
             theta,
             residual,
             square,
@@ -112,12 +138,16 @@ impl Trial {
     }
 }
 
-fn columns_of(ground: &Ground, found: &Found) -> Option<Vec<Vec<f64>>> {
-    found
-        .series(&ground.motion)
-        .iter()
-        .map(|series| ground.motion.regressor(series).ok())
-        .collect()
+/// The normal matrix of `columns`, of which that of the first ones is known.
+fn bordered(known: &DMatrix<f64>, columns: &[&Vec<f64>]) -> DMatrix<f64> {
+    let mut out = known.clone().resize(columns.len(), columns.len(), 0.0);
+    for i in known.nrows()..columns.len() {
+        for j in 0..=i {
+            out[(i, j)] = dot(columns[i], columns[j]);
+            out[(j, i)] = out[(i, j)];
+        }
+    }
+    out
 }
 
 /// The effects with the shapes near theirs that leave the least of `y` beside the columns `x`; as they are when their terms
@@ -148,12 +178,13 @@ pub(super) fn polished(
     }
     let columns: Option<Vec<_>> = effects
         .iter()
-        .map(|found| columns_of(ground, found))
+        .map(|found| ground.columns_with(found).ok())
         .collect();
     let Some(columns) = columns else {
         return effects;
     };
-    let Some(mut best) = Trial::of(x, y, effects.clone(), columns) else {
+    let beside = Beside::new(x, y);
+    let Some(mut best) = Trial::of(&beside, effects.clone(), columns) else {
         return effects;
     };
     let mut damping = 1e-2;
@@ -161,9 +192,10 @@ pub(super) fn polished(
         let Some(jacobian) = jacobian(ground, x, &best, &free) else {
             break;
         };
+        let normal = Normal::of(&beside, &best, &jacobian);
         let before = best.square;
         for _ in 0..4 {
-            let next = stepped(ground, x, y, &best, &free, &jacobian, damping);
+            let next = stepped(ground, &beside, &best, &free, &normal, damping);
             match next {
                 Some(next) if next.square < best.square => {
                     best = next;
@@ -207,12 +239,12 @@ fn jacobian(
                 moved = parameter.moved(at, step);
             }
             found.shape[parameter.shape] = moved;
-            let there = columns_of(ground, &found)?;
+            let there = ground.filtered(&found).ok()?;
             let mut out = vec![0.0; trial.residual.len()];
             let here = &trial.columns[parameter.effect];
             for ((there, here), theta) in there
                 .iter()
-                .zip(here)
+                .zip(here.iter())
                 .zip(&trial.theta[starts[parameter.effect]..])
             {
                 for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
@@ -224,40 +256,43 @@ fn jacobian(
         .collect()
 }
 
+/// The normal equations of a step of all terms and shapes.
+struct Normal {
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+impl Normal {
+    fn of(beside: &Beside<'_>, trial: &Trial, jacobian: &[Vec<f64>]) -> Self {
+        let linear = beside
+            .x
+            .iter()
+            .chain(trial.columns.iter().flat_map(|own| own.iter()));
+        let columns: Vec<&Vec<f64>> = linear.chain(jacobian).collect();
+        let right = columns.iter().map(|column| dot(column, &trial.residual));
+        Self {
+            gram: bordered(&trial.gram, &columns),
+            right: DVector::from_iterator(columns.len(), right),
+        }
+    }
+}
+
 /// The trial after one damped step of all shapes.
 fn stepped(
     ground: &Ground,
-    x: &[Vec<f64>],
-    y: &[f64],
+    beside: &Beside<'_>,
     trial: &Trial,
     free: &[Free],
-    jacobian: &[Vec<f64>],
+    normal: &Normal,
     damping: f64,
 ) -> Option<Trial> {
-    let columns: Vec<&Vec<f64>> = x
-        .iter()
-        .chain(trial.columns.iter().flatten())
-        .chain(jacobian)
-        .collect();
-    let linear = columns.len() - jacobian.len();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut gram = DMatrix::zeros(columns.len(), columns.len());
-    for i in 0..columns.len() {
-        for j in 0..=i {
-            let value = dot(columns[i], columns[j]);
-            gram[(i, j)] = value;
-            gram[(j, i)] = value;
-        }
-    }
-    for i in 0..columns.len() {
+    let mut gram = normal.gram.clone();
+    let linear = trial.gram.nrows();
+    for i in 0..gram.nrows() {
         let own = gram[(i, i)];
         gram[(i, i)] += 1e-9 * own + 1e-12 + if i >= linear { damping * own } else { 0.0 };
     }
-    let right = DVector::from_iterator(
-        columns.len(),
-        columns.iter().map(|column| dot(column, &trial.residual)),
-    );
-    let step = gram.cholesky()?.solve(&right);
+    let step = gram.cholesky()?.solve(&normal.right);
     let mut effects = trial.effects.clone();
     for (k, parameter) in free.iter().enumerate() {
         let shape = &mut effects[parameter.effect].shape[parameter.shape];
@@ -265,7 +300,7 @@ fn stepped(
     }
     let columns: Option<Vec<_>> = effects
         .iter()
-        .map(|found| columns_of(ground, found))
+        .map(|found| ground.columns_with(found).ok())
         .collect();
-    Trial::of(x, y, effects, columns?)
+    Trial::of(beside, effects, columns?)
 }

@@ -231,12 +231,7 @@ impl State {
     }
 
     fn beside(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
-        let columns: Vec<Vec<f64>> = found
-            .series(&self.ground.motion)
-            .iter()
-            .map(|series| self.ground.motion.regressor(series))
-            .collect::<Result<_, _>>()
-            .ok()?;
+        let columns = self.ground.columns_with(found).ok()?;
         let least = 1e-9 * rms(&self.ground.y);
         if columns.iter().any(|column| rms(column) < least) {
             return None;

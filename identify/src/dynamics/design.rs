@@ -9,6 +9,7 @@ use crate::least_squares::{
 };
 use crate::mechanism::{Linearised, SplineMechanism};
 use crate::motion::Motion;
+use crate::parallel::in_parallel;
 
 /// `tau = y [theta, mechanism coefficients]`.
 #[derive(Clone)]
@@ -253,13 +254,18 @@ impl Design {
             &[0, 1, 0]
         };
         for &grid in turns {
-            for value in grids[grid] {
+            let with = |value: &f64| {
                 let mut smoothing = best.0;
                 smoothing[grid] = *value;
-                if known.iter().any(|(tried, _)| *tried == smoothing) {
-                    continue;
-                }
-                let error = self.held_out_of(folds, &smoothing);
+                smoothing
+            };
+            let tried: Vec<[f64; 2]> = grids[grid]
+                .iter()
+                .map(with)
+                .filter(|smoothing| known.iter().all(|(tried, _)| tried != smoothing))
+                .collect();
+            let errors = in_parallel(&tried, |smoothing| self.held_out_of(folds, smoothing));
+            for (smoothing, error) in tried.into_iter().zip(errors) {
                 known.push((smoothing, error));
                 if error < best.1 {
                     best = (smoothing, error);

@@ -27,6 +27,7 @@ use crate::filter::{LowPass, second_derivative};
 use crate::least_squares::{Bound, bounded_quadratic, covariance_of_free, rms};
 use crate::mechanism::{Mechanism, SplineMechanism};
 use crate::motion::{Motion, MotionError, by_run};
+use crate::parallel::in_parallel_on;
 use crate::samples::quantile;
 use crate::tool::SMOOTH_HZ;
 use arrow::{Arrow, Eliminated};
@@ -39,6 +40,10 @@ const KNOTS_S: f64 = 0.03;
 const REVERSAL_S: f64 = 0.06;
 /// Gauss and Newton's steps, at most.
 const STEPS: usize = 8;
+/// Fits that are made at a time: each takes a good part of the memory that an hour takes.
+const AT_ONCE: usize = 2;
+/// Coefficients of the mechanism that an effort depends on, at most: of the load, and of the damping as a surface.
+const MOST_SPLINES: usize = 10;
 /// Place of viscous friction among the parameters.
 const VISCOUS: usize = 2;
 /// Effort noise that is tried, over the sensor's.
@@ -66,8 +71,8 @@ pub(super) struct Together {
     pub(super) theta: DVector<f64>,
     /// Of these parameters.
     pub(super) covariance: DMatrix<f64>,
-    /// Of the mechanism.
-    pub(super) coefficients: Vec<f64>,
+    /// What goes with them.
+    pub(super) mechanism: SplineMechanism,
 }
 
 impl Together {
@@ -133,6 +138,8 @@ struct Problem<'a> {
 /// A motion along the curve, and the effort's rows there.
 struct Rows {
     motion: Motion,
+    /// With the parameters near which the rows are.
+    mechanism: SplineMechanism,
     /// Regressors of the effects, unfiltered.
     series: Vec<Vec<f64>>,
     effort: Vec<Row>,
@@ -197,7 +204,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    fn solve(mut self) -> Result<Option<Together>, MotionError> {
+    fn solve(self) -> Result<Option<Together>, MotionError> {
         let mut theta = self.start.clone();
         let Some(alone) = self.position.clone().eliminate() else {
             return Ok(None);
@@ -232,23 +239,15 @@ impl<'a> Problem<'a> {
         let at_bound: Vec<bool> = (0..theta.len())
             .map(|j| self.bounds[j] == Bound::NonNegative && theta[j] == 0.0)
             .collect();
-        let scale = scale_of(eliminated.corner())
-            .rows(0, self.linear)
-            .into_owned();
-        let certain = covariance_of_free(
-            &scaled(eliminated.corner(), &scale_of(eliminated.corner())),
-            &at_bound,
-        );
-        let certain = certain.view((0, 0), (self.linear, self.linear));
+        let scale = scale_of(eliminated.corner());
+        let certain = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
         let (held_out_rms, scatter) = self.held_out(&rows, &eliminated, noise)?;
         drop(eliminated);
-        let covariance = certain.component_div(&(&scale * scale.transpose())) + scatter;
-        // The folds left theirs.
-        self.set(&theta);
+        let scale = scale.rows(0, self.linear);
+        let certain = certain.view((0, 0), (self.linear, self.linear));
+        let covariance = certain.component_div(&(scale * scale.transpose())) + scatter;
         let residual = self.filtered_residual(&rows, &theta)?;
-        let coefficients = self.mechanism.coefficients();
-        let mut named = theta.rows(0, self.linear).into_owned();
-        named[VISCOUS] += self.mechanism.take_common_damping();
+        let viscous = theta[VISCOUS] + rows.mechanism.clone().take_common_damping();
         let kind = self.motion.kind;
         let units = [
             ("inertia", kind.inertia_unit()),
@@ -257,7 +256,7 @@ impl<'a> Problem<'a> {
         ];
         let terms = units.iter().enumerate().map(|(j, (name, unit))| Term {
             name: (*name).to_owned(),
-            value: Some(named[j]),
+            value: Some(if j == VISCOUS { viscous } else { theta[j] }),
             std: Some(covariance[(j, j)].max(0.0).sqrt()),
             unit: (*unit).to_owned(),
         });
@@ -272,25 +271,25 @@ impl<'a> Problem<'a> {
             fit,
             theta: theta.rows(0, self.linear).into_owned(),
             covariance,
-            coefficients,
+            mechanism: rows.mechanism,
         }))
     }
 
     /// The motion along the curve with coefficients `x`, and the effort's rows near it and near the parameters `theta`.
-    fn rows(&mut self, x: &[f64], theta: &DVector<f64>) -> Result<Rows, MotionError> {
-        self.set(theta);
+    fn rows(&self, x: &[f64], theta: &DVector<f64>) -> Result<Rows, MotionError> {
+        let mechanism = self.mechanism_with(theta);
         let motion = self.along(x);
         let series = self.series(&motion)?;
-        let slopes = self.slopes(&motion, &series, theta)?;
+        let slopes = self.slopes(&motion, &mechanism, &series, theta)?;
         let places = self.curve.at_samples();
         let mut effort = Vec::with_capacity(self.used.len());
         for &(i, near) in &self.used {
             let (first, weights) = places[i];
             let (q, dq, ddq) = (motion.q[i], motion.dq[i], motion.ddq[i]);
-            let mut params: Vec<(usize, f64)> =
-                series.iter().enumerate().map(|(j, s)| (j, s[i])).collect();
+            let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
+            params.extend(series.iter().enumerate().map(|(j, s)| (j, s[i])));
             let mut linear = 0.0;
-            for (j, value) in self.mechanism.linear_row(q, dq) {
+            for (j, value) in mechanism.linear_row(q, dq) {
                 if let Some(place) = self.places[j] {
                     params.push((place, value));
                     linear += value * theta[place];
@@ -299,7 +298,7 @@ impl<'a> Problem<'a> {
             let [by_q, by_dq] = slopes[i];
             let by = [by_q, by_dq, theta[0] + self.motion.tool_inertia];
             let curve = core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
-            let fixed = self.mechanism.effort(q, dq) - linear;
+            let fixed = mechanism.effort(q, dq) - linear;
             effort.push(Row {
                 first,
                 curve,
@@ -310,18 +309,21 @@ impl<'a> Problem<'a> {
         }
         Ok(Rows {
             motion,
+            mechanism,
             series,
             effort,
         })
     }
 
-    /// Puts the parameters into the mechanism.
-    fn set(&mut self, theta: &DVector<f64>) {
-        let mut coefficients = self.mechanism.coefficients();
+    /// The mechanism with the parameters put in.
+    fn mechanism_with(&self, theta: &DVector<f64>) -> SplineMechanism {
+        let mut mechanism = self.mechanism.clone();
+        let mut coefficients = mechanism.coefficients();
         for (value, place) in coefficients.iter_mut().zip(&self.places) {
             *value = place.map_or(0.0, |place| theta[place]);
         }
-        self.mechanism.set(&coefficients);
+        mechanism.set(&coefficients);
+        mechanism
     }
 
     /// The motion with the curve's states in place of the smoothed ones; so is what the tool's own inertia takes of the effort.
@@ -353,24 +355,26 @@ impl<'a> Problem<'a> {
         Ok(out)
     }
 
-    /// Change of the effort per change of the coordinate and of the velocity, at each sample, without the inertia's.
+    /// Change of the effort per change of the coordinate and of the velocity, at each sample whose effort counts, without the
+    /// inertia's.
     fn slopes(
         &self,
         motion: &Motion,
+        mechanism: &SplineMechanism,
         series: &[Vec<f64>],
         theta: &DVector<f64>,
     ) -> Result<Vec<[f64; 2]>, MotionError> {
-        let domain = &self.mechanism.domain;
+        let domain = &mechanism.domain;
         let small = [domain.q, domain.dq].map(|[low, high]| 1e-4 * (high - low).max(1e-9));
         let mut out = vec![[0.0; 2]; motion.q.len()];
         for (k, small) in small.into_iter().enumerate() {
-            for (i, out) in out.iter_mut().enumerate() {
+            for &(i, _) in &self.used {
                 let [dq, dv] = if k == 0 { [small, 0.0] } else { [0.0, small] };
                 let effort = |s: f64| {
                     let (q, v) = (motion.q[i] + s * dq, motion.dq[i] + s * dv);
-                    self.mechanism.effort(q, v)
+                    mechanism.effort(q, v)
                 };
-                out[k] = (effort(1.0) - effort(-1.0)) / (2.0 * small);
+                out[i][k] = (effort(1.0) - effort(-1.0)) / (2.0 * small);
             }
             let mut moved = motion.clone();
             let shifted = if k == 0 { &mut moved.q } else { &mut moved.dq };
@@ -422,9 +426,9 @@ impl<'a> Problem<'a> {
                 + eliminated.square_at(&theta);
             Some((noise, value))
         };
-        NOISES
-            .iter()
-            .filter_map(|times| surprise(times * self.sensor))
+        in_parallel_on(AT_ONCE, &NOISES, |times| surprise(times * self.sensor))
+            .into_iter()
+            .flatten()
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map(|(noise, _)| noise)
     }
@@ -452,7 +456,7 @@ impl<'a> Problem<'a> {
                     .zip(theta.iter())
                     .map(|(series, theta)| series[i] * theta)
                     .sum();
-                motion.tau[i] - effects - self.mechanism.effort(motion.q[i], motion.dq[i])
+                motion.tau[i] - effects - rows.mechanism.effort(motion.q[i], motion.dq[i])
             })
             .collect();
         motion.regressor(&left)
@@ -461,31 +465,38 @@ impl<'a> Problem<'a> {
     /// Error on strokes that the parameters were not fitted to, the motion being that of `all` strokes; and how far the parameters
     /// move with what is left out, as a covariance: it knows of slow errors of the model, which the noise alone does not.
     fn held_out(
-        &mut self,
+        &self,
         rows: &Rows,
         all: &Eliminated,
         noise: f64,
     ) -> Result<(f64, DMatrix<f64>), MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
-        let (mut square, mut samples) = (0.0, 0);
-        let mut left_out = Vec::with_capacity(folds);
-        for fold in 0..folds {
+        let without = |fold: usize| -> Result<Option<(Vec<f64>, DVector<f64>)>, MotionError> {
             let rest = self.effort(rows, |near| fold_of[near] != fold);
             let Some(rest) = self.whole(&rest, noise) else {
-                continue;
+                return Ok(None);
             };
             let theta = self.minimum(&rest);
             drop(rest);
-            left_out.push(theta.rows(0, self.linear).into_owned());
             let there = self.rows(&all.coefficients(&theta), &theta)?;
             let residual = self.filtered_residual(&there, &theta)?;
+            Ok(Some((residual, theta.rows(0, self.linear).into_owned())))
+        };
+        let each: Vec<usize> = (0..folds).collect();
+        let fits = in_parallel_on(AT_ONCE, &each, |fold| without(*fold));
+        let (mut square, mut samples, mut left_out) = (0.0, 0, Vec::new());
+        for (fold, fit) in fits.into_iter().enumerate() {
+            let Some((residual, theta)) = fit? else {
+                continue;
+            };
             for (k, residual) in residual.iter().enumerate() {
                 if fold_of[k] == fold && scored[k] {
                     square += residual * residual;
                     samples += 1;
                 }
             }
+            left_out.push(theta);
         }
         let rms = (square / f64::from(samples.max(1))).sqrt();
         Ok((rms, jackknife(&left_out, self.linear)))

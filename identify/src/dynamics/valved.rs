@@ -6,7 +6,7 @@
 //!
 //! The held-out error is that of fits that begin at the whole fit and take the same steps without the fold.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
@@ -14,6 +14,7 @@ use super::design::Design;
 use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, SplineMechanism};
 use crate::motion::Motion;
+use crate::parallel::in_parallel;
 
 /// Smoothing of load and damping to begin with, and what is tried.
 const START: [f64; 2] = [0.01, 1e-3];
@@ -41,7 +42,7 @@ pub(super) struct Valved {
     pub(super) theta: DVector<f64>,
     pub(super) mechanism: SplineMechanism,
     /// The load's columns, which stay.
-    load: Rc<DMatrix<f64>>,
+    load: Arc<DMatrix<f64>>,
     pub(super) smoothing: [f64; 2],
     pub(super) held_out_rms: f64,
 }
@@ -53,7 +54,7 @@ impl Valved {
         let mechanism = SplineMechanism::valved(motion);
         let mut fit = Self {
             theta: DVector::zeros(parametric.params),
-            load: Rc::new(mechanism.load_columns(motion)),
+            load: Arc::new(mechanism.load_columns(motion)),
             mechanism,
             smoothing: START,
             held_out_rms: f64::INFINITY,
@@ -68,9 +69,12 @@ impl Valved {
         // A valve that was open most of the time hides how steep its line begins; slow strokes tell.
         let mut steep = fit.clone();
         steep.mechanism.damp_as_slow(surfaces, motion);
-        let bent = [&fit, &steep]
+        let bent = in_parallel(&[&fit, &steep], |start| {
+            start.bent(parametric, motion, straight)
+        });
+        let bent = bent
             .into_iter()
-            .filter_map(|start| start.bent(parametric, motion, straight))
+            .flatten()
             .min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((bent, _)) = bent {
             fit = bent;

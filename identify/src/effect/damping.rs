@@ -6,14 +6,15 @@ use crate::least_squares::Bound::NonNegative;
 /// Share of the range over which a zone begins and ends, to start with.
 const EDGE: f64 = 0.04;
 
-fn inside(shape: &[f64], q: f64) -> f64 {
+/// How far a coordinate is inside of a zone: from 0 to 1.
+fn inside(shape: &[f64]) -> impl Fn(f64) -> f64 + use<> {
     let (from, to) = (shape[0].min(shape[1]), shape[0].max(shape[1]));
     let edge = shape[3].max(1e-9);
-    let step = |x: f64| {
+    let step = move |x: f64| {
         let u = (x / edge + 0.5).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     };
-    step(q - from) * step(to - q)
+    move |q| step(q - from) * step(to - q)
 }
 
 /// 1 where the motion goes the way of `direction` (1 opening, -1 closing, 0 both).
@@ -25,10 +26,13 @@ fn goes(direction: f64, dq: f64) -> f64 {
     }
 }
 
-fn zone(shape: &[f64], q: f64, dq: f64) -> [f64; 2] {
-    let here = dq.signum() * goes(shape[2], dq) * inside(shape, q);
-    let below = dq.abs().min(shape[4]);
-    [here * below, here * (dq.abs() - below)]
+fn zone(shape: &[f64]) -> impl Fn(f64, f64) -> [f64; 2] + use<> {
+    let (inside, direction, relief) = (inside(shape), shape[2], shape[4]);
+    move |q, dq| {
+        let here = dq.signum() * goes(direction, dq) * inside(q);
+        let below = dq.abs().min(relief);
+        [here * below, here * (dq.abs() - below)]
+    }
 }
 
 /// `tau = damping dq` for `from < q < to` and one direction, `damping >= 0`: closers, soft-close dampers, backchecks. Above the
@@ -78,12 +82,11 @@ pub const ZONE: Kind = Kind {
         out
     },
     series: |scope, shape| {
-        let both: Vec<Vec<f64>> = (0..2)
-            .map(|k| scope.by_state(|q, dq, _| zone(shape, q, dq)[k]))
-            .collect();
-        both
+        let zone = zone(shape);
+        let (below, beyond) = scope.both_by_state(|q, dq, _| zone(q, dq));
+        vec![below, beyond]
     },
-    at: Some(zone),
+    at: Some(|shape, q, dq| zone(shape)(q, dq)),
     separate: "strokes at different speeds through the zone, both ways",
 };
 

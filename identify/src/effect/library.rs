@@ -6,6 +6,7 @@
 
 use crate::least_squares::Bound;
 use crate::motion::Motion;
+use crate::products::in_vectors;
 use crate::samples::extrema;
 use crate::screw::JointKind;
 
@@ -226,16 +227,31 @@ impl<'a> Scope<'a> {
             .collect()
     }
 
+    /// Two regressors from the state alone.
+    pub(super) fn both_by_state(
+        &self,
+        f: impl Fn(f64, f64, f64) -> [f64; 2],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let motion = self.motion;
+        let mut out = (vec![0.0; motion.q.len()], vec![0.0; motion.q.len()]);
+        in_vectors(
+            #[inline(always)]
+            || {
+                let states = motion.q.iter().zip(&motion.dq).zip(&motion.sign);
+                for (((q, dq), sign), both) in states.zip(out.0.iter_mut().zip(&mut out.1)) {
+                    [*both.0, *both.1] = f(q + self.datum, *dq, *sign);
+                }
+            },
+        );
+        out
+    }
+
     /// A regressor from the state alone.
     pub(super) fn by_state(&self, f: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
-        (0..self.motion.q.len())
-            .map(|i| {
-                f(
-                    self.motion.q[i] + self.datum,
-                    self.motion.dq[i],
-                    self.motion.sign[i],
-                )
-            })
+        let motion = self.motion;
+        let states = motion.q.iter().zip(&motion.dq).zip(&motion.sign);
+        states
+            .map(|((q, dq), sign)| f(q + self.datum, *dq, *sign))
             .collect()
     }
 }

@@ -79,8 +79,8 @@ pub const STRUT: Kind = Kind {
         out
     },
     series: |scope, shape| {
-        let both = |k: usize| scope.by_state(|q, _, _| strut(shape, q)[k]);
-        vec![both(0), both(1)]
+        let (rate, force) = scope.both_by_state(|q, _, _| strut(shape, q));
+        vec![rate, force]
     },
     at: Some(|shape, q, _| strut(shape, q)),
     separate: "unhooking the spring, or weighing the part: weight and the rate of a spring between pivots have one shape",
@@ -102,10 +102,8 @@ pub const GRAVITY: Kind = Kind {
         }
     },
     series: |scope, shape| {
-        vec![
-            scope.by_state(|q, _, _| (q - shape[0]).sin()),
-            scope.by_state(|q, _, _| (q - shape[0]).cos()),
-        ]
+        let (sine, cosine) = scope.both_by_state(|q, _, _| (q - shape[0]).sin_cos().into());
+        vec![sine, cosine]
     },
     at: Some(|shape, q, _| [(q - shape[0]).sin(), (q - shape[0]).cos()]),
     separate: "a larger angle, or the direction of gravity against the axis",
@@ -203,10 +201,8 @@ pub const RIPPLE: Kind = Kind {
             .collect()
     },
     series: |scope, shape| {
-        vec![
-            scope.by_state(|q, _, _| (TAU * q / shape[0]).sin()),
-            scope.by_state(|q, _, _| (TAU * q / shape[0]).cos()),
-        ]
+        let (sine, cosine) = scope.both_by_state(|q, _, _| (TAU * q / shape[0]).sin_cos().into());
+        vec![sine, cosine]
     },
     at: Some(|shape, q, _| [(TAU * q / shape[0]).sin(), (TAU * q / shape[0]).cos()]),
     separate: "slow strokes over many periods",

@@ -93,14 +93,13 @@ const BETWEEN: f64 = 0.12;
 /// What it makes of the effort that the object lags behind the tool by half of `gap` towards the effort and by `compliance` times it.
 pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
     let motion = scope.motion;
-    // As smooth as the coordinate.
-    let Ok(effort) = motion.smoothed(&motion.tau) else {
+    let Ok(effort) = motion.smoothed_effort() else {
         return Vec::new();
     };
     let sides = if gap == 0.0 {
         vec![0.0; effort.len()]
     } else {
-        sides(motion, &effort)
+        sides(motion, effort)
     };
     let aside: Vec<f64> = effort
         .iter()

@@ -6,10 +6,16 @@ use core::ops::Range;
 use nalgebra::DMatrix;
 
 use crate::filter::{FilterError, LowPass};
+use crate::products::{dot_inline, in_vectors};
 
-/// Weights of the zero-phase filter by distance, in samples.
+/// The zero-phase filter as weights.
 #[derive(Clone, Debug)]
-pub(super) struct Kernel(Vec<f64>);
+pub(super) struct Kernel {
+    /// By distance, in samples.
+    weights: Vec<f64>,
+    /// From the farthest behind to the farthest ahead.
+    both_ways: Vec<f64>,
+}
 
 /// Weights below this share of the largest are left out.
 const LEAST: f64 = 1e-5;
@@ -28,12 +34,16 @@ impl Kernel {
         for weight in &mut weights {
             *weight /= whole;
         }
-        Ok(Self(weights))
+        let behind = weights[1..].iter().rev();
+        Ok(Self {
+            both_ways: behind.chain(&weights).copied().collect(),
+            weights,
+        })
     }
 
     /// What a series of non-negative values may at most leave at each sample of `runs` through the filter's side lobes.
     pub(super) fn reach_of(&self, runs: &[Range<usize>], series: &[f64]) -> Vec<f64> {
-        let mut envelope: Vec<f64> = self.0.iter().map(|weight| weight.abs()).collect();
+        let mut envelope: Vec<f64> = self.weights.iter().map(|weight| weight.abs()).collect();
         for d in (1..envelope.len()).rev() {
             envelope[d - 1] = envelope[d - 1].max(envelope[d]);
         }
@@ -53,15 +63,15 @@ impl Kernel {
     /// Calls `f` with each sample that counts at `at` and its weight; beyond the ends of `run` the series goes on as its
     /// mirror image in the end point.
     fn each(&self, run: &Range<usize>, at: usize, mut f: impl FnMut(usize, f64)) {
-        let reach = self.0.len() - 1;
-        f(at, self.0[0]);
+        let reach = self.weights.len() - 1;
+        f(at, self.weights[0]);
         let inside = reach.min(at - run.start).min(run.end - 1 - at);
-        for (d, weight) in self.0.iter().enumerate().take(inside + 1).skip(1) {
+        for (d, weight) in self.weights.iter().enumerate().take(inside + 1).skip(1) {
             f(at - d, *weight);
             f(at + d, *weight);
         }
         let last = run.end - 1;
-        for (d, weight) in self.0.iter().enumerate().skip(inside + 1) {
+        for (d, weight) in self.weights.iter().enumerate().skip(inside + 1) {
             if let Some(i) = at.checked_sub(d).filter(|i| *i >= run.start) {
                 f(i, *weight);
             } else {
@@ -79,15 +89,54 @@ impl Kernel {
         }
     }
 
-    /// The filtered series at one sample of a run.
-    pub(super) fn at(&self, run: &Range<usize>, at: usize, series: &[f64]) -> f64 {
-        let reach = self.0.len() - 1;
-        if at >= run.start + reach && at + reach < run.end {
-            let ahead = &series[at + 1..=at + reach];
-            let behind = series[at - reach..at].iter().rev();
-            let sides = ahead.iter().zip(behind).zip(&self.0[1..]);
-            return self.0[0] * series[at] + sides.map(|((a, b), w)| w * (a + b)).sum::<f64>();
+    /// Fills `weights` with those of the samples about `at`, and gives the first of these samples.
+    fn weights_about(&self, run: &Range<usize>, at: usize, weights: &mut Vec<f64>) -> usize {
+        let reach = self.weights.len() - 1;
+        let from = run.start.max(at.saturating_sub(reach));
+        weights.clear();
+        if from + reach == at && at + reach < run.end {
+            weights.extend_from_slice(&self.both_ways);
+        } else {
+            weights.resize(run.end.min(at + reach + 1) - from, 0.0);
+            self.each(run, at, |i, weight| weights[i - from] += weight);
         }
+        from
+    }
+
+    /// The filtered series at the samples `kept` (ascending) of `runs`.
+    pub(super) fn filtered(
+        &self,
+        runs: &[Range<usize>],
+        kept: &[usize],
+        series: &[f64],
+    ) -> Vec<f64> {
+        let mut out = Vec::with_capacity(kept.len());
+        in_vectors(
+            #[inline(always)]
+            || {
+                let mut run = 0;
+                for &i in kept {
+                    while run + 1 < runs.len() && i >= runs[run].end {
+                        run += 1;
+                    }
+                    out.push(self.at(&runs[run], i, series));
+                }
+            },
+        );
+        out
+    }
+
+    #[inline(always)]
+    fn at(&self, run: &Range<usize>, at: usize, series: &[f64]) -> f64 {
+        let reach = self.weights.len() - 1;
+        if at >= run.start + reach && at + reach < run.end {
+            return dot_inline(&self.both_ways, &series[at - reach..=at + reach]);
+        }
+        self.near_end(run, at, series)
+    }
+
+    #[cold]
+    fn near_end(&self, run: &Range<usize>, at: usize, series: &[f64]) -> f64 {
         let mut sum = 0.0;
         self.each(run, at, |i, weight| sum += weight * series[i]);
         sum
@@ -97,8 +146,28 @@ impl Kernel {
 /// Regressors of which few are not zero at each sample.
 #[derive(Clone, Debug, Default)]
 pub struct SparseColumns {
-    ends: Vec<usize>,
-    entries: Vec<(usize, f64)>,
+    stretches: Vec<Stretch>,
+    /// Of all stretches, one after the other.
+    columns: Vec<usize>,
+    /// Of all samples, one after the other: as many as it takes for the columns of the sample's stretch.
+    rows: Vec<[f64; WIDTH]>,
+}
+
+/// Samples in a row at which the same columns are not zero.
+#[derive(Clone, Debug)]
+struct Stretch {
+    samples: Range<usize>,
+    columns: Range<usize>,
+    first_row: usize,
+}
+
+/// Columns of a row.
+const WIDTH: usize = 4;
+
+impl Stretch {
+    fn rows_per_sample(&self) -> usize {
+        self.columns.len().div_ceil(WIDTH)
+    }
 }
 
 impl SparseColumns {
@@ -106,24 +175,36 @@ impl SparseColumns {
     #[must_use]
     pub fn with_capacity(samples: usize, each: usize) -> Self {
         Self {
-            ends: Vec::with_capacity(samples),
-            entries: Vec::with_capacity(samples * each),
+            rows: Vec::with_capacity(samples * each.div_ceil(WIDTH)),
+            ..Self::default()
         }
     }
 
     /// Adds the next sample's columns and values.
     pub fn push(&mut self, entries: impl IntoIterator<Item = (usize, f64)>) {
-        self.entries.extend(entries);
-        self.ends.push(self.entries.len());
-    }
-
-    fn at(&self, sample: usize) -> &[(usize, f64)] {
-        let start = if sample == 0 {
-            0
-        } else {
-            self.ends[sample - 1]
-        };
-        &self.entries[start..self.ends[sample]]
+        let (first_column, first_row) = (self.columns.len(), self.rows.len());
+        for (k, (column, value)) in entries.into_iter().enumerate() {
+            if k % WIDTH == 0 {
+                self.rows.push([0.0; WIDTH]);
+            }
+            self.columns.push(column);
+            if let Some(row) = self.rows.last_mut() {
+                row[k % WIDTH] = value;
+            }
+        }
+        let own = first_column..self.columns.len();
+        let next = self.stretches.last().map_or(0, |last| last.samples.end);
+        match self.stretches.last_mut() {
+            Some(last) if self.columns[last.columns.clone()] == self.columns[own.clone()] => {
+                last.samples.end += 1;
+                self.columns.truncate(first_column);
+            }
+            _ => self.stretches.push(Stretch {
+                samples: next..next + 1,
+                columns: own,
+                first_row,
+            }),
+        }
     }
 
     /// Filtered at `kept` (ascending) without the samples that are not of `slides`, (kept, columns).
@@ -136,20 +217,50 @@ impl SparseColumns {
     ) -> DMatrix<f64> {
         // Rows are made one after the other, and a matrix is stored column by column.
         let mut rows = DMatrix::zeros(columns, kept.len());
-        let mut run = 0;
+        let mut weights = Vec::new();
+        let (mut run, mut near) = (0, 0);
         for (&at, mut row) in kept.iter().zip(rows.column_iter_mut()) {
             while run + 1 < runs.len() && at >= runs[run].end {
                 run += 1;
             }
-            kernel.each(&runs[run], at, |i, weight| {
-                if !slides[i] {
-                    return;
-                }
-                for &(column, value) in self.at(i) {
-                    row[column] += weight * value;
-                }
-            });
+            let from = kernel.weights_about(&runs[run], at, &mut weights);
+            for (weight, slides) in weights.iter_mut().zip(&slides[from..]) {
+                *weight = if *slides { *weight } else { 0.0 };
+            }
+            while self.stretches[near].samples.end <= from {
+                near += 1;
+            }
+            in_vectors(
+                #[inline(always)]
+                || self.add_weighted(near, from, &weights, row.as_mut_slice()),
+            );
         }
         rows.transpose()
+    }
+
+    /// Adds the samples from `from` on, each with its weight, to a row; stretch `near` holds the first of them.
+    #[inline(always)]
+    fn add_weighted(&self, near: usize, from: usize, weights: &[f64], out: &mut [f64]) {
+        let to = from + weights.len();
+        let all = self.stretches[near..].iter();
+        for stretch in all.take_while(|stretch| stretch.samples.start < to) {
+            let samples = stretch.samples.start.max(from)..stretch.samples.end.min(to);
+            let each = stretch.rows_per_sample();
+            let columns = &self.columns[stretch.columns.clone()];
+            let first = stretch.first_row + (samples.start - stretch.samples.start) * each;
+            let weights = &weights[samples.start - from..samples.end - from];
+            for (k, columns) in columns.chunks(WIDTH).enumerate() {
+                let rows = self.rows[first + k..].iter().step_by(each);
+                let mut sums = [0.0; WIDTH];
+                for (row, weight) in rows.zip(weights) {
+                    for (sum, entry) in sums.iter_mut().zip(row) {
+                        *sum += entry * weight;
+                    }
+                }
+                for (&column, sum) in columns.iter().zip(sums) {
+                    out[column] += sum;
+                }
+            }
+        }
     }
 }

@@ -203,6 +203,31 @@ fn single_samples_are_filtered_as_the_whole_series() {
 }
 
 #[test]
+fn columns_that_come_and_go_are_filtered_like_whole_series() {
+    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    let entries = |i: usize| -> Vec<(usize, f64)> {
+        let value = 1.0 + motion.dq[i];
+        let few = (0..i / 13 % 7).map(|j| ((i / 13 + j) % 9, value * (j + 1) as f64));
+        few.collect()
+    };
+    let mut sparse = SparseColumns::with_capacity(motion.q.len(), 3);
+    let mut series = vec![vec![0.0; motion.q.len()]; 9];
+    for i in 0..motion.q.len() {
+        sparse.push(entries(i));
+        for (column, value) in entries(i) {
+            series[column][i] += value;
+        }
+    }
+    let sparse = motion.sparse_regressor(&sparse, series.len());
+    for (j, series) in series.iter().enumerate() {
+        let whole = motion.regressor(series).unwrap();
+        for (k, whole) in whole.iter().enumerate() {
+            assert!((sparse[(k, j)] - whole).abs() < 1e-12, "{j} {k}");
+        }
+    }
+}
+
+#[test]
 fn the_one_stroke_faster_than_all_others_does_not_count_as_held_out() {
     let mut samples = sine(24.0, 500.0, 0.4);
     // One period at twice the speed, joined where the joint stands still.
