@@ -121,16 +121,21 @@ pub fn train(states: &[[f64; 2]], tau: &[f64], training: &Training) -> MlpMechan
     let mut adam = Adam::of(&pair);
     let mut best = (f32::INFINITY, pair.clone(), 0);
     let mut epochs = 0;
-    for epoch in 1..=training.epochs {
-        epochs = epoch;
-        fitted.gradient(&pair, &mut gradient);
-        adam.step(&mut pair, &gradient, training, epoch);
-        let error = judged.error(&pair);
-        if error < best.0 {
-            best = (error, pair.clone(), epoch);
-        } else if epoch - best.2 >= training.patience {
+    loop {
+        // One round of the threads gives the gradient of the next epoch and the error after the last one.
+        let error = if epochs < training.epochs {
+            fitted.gradient_and_error(&mut judged, &pair, &mut gradient)
+        } else {
+            judged.error(&pair)
+        };
+        if epochs > 0 && error < best.0 {
+            best = (error, pair.clone(), epochs);
+        }
+        if epochs == training.epochs || epochs - best.2 >= training.patience.max(1) {
             break;
         }
+        epochs += 1;
+        adam.step(&mut pair, &gradient, training, epochs);
     }
     MlpMechanism {
         pair: best.1,

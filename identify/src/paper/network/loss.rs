@@ -1,5 +1,8 @@
 //! Mean squared error of load and damping on samples, and its gradient, on a few threads.
 
+use core::num::NonZero;
+use std::sync::{Mutex, PoisonError};
+
 use super::Scale;
 use super::net::{BLOCK, Net, Pass};
 
@@ -90,33 +93,55 @@ impl Loss {
 
     /// Mean squared difference.
     pub(super) fn error(&mut self, pair: &Pair) -> f32 {
-        self.each(|piece| piece.run(pair, None));
-        let square: f64 = self.pieces.iter().map(|piece| piece.square).sum();
-        (square / self.count.max(1) as f64) as f32
+        on_all_processors(&mut self.pieces, |piece| piece.run(pair, None));
+        self.mean_square()
     }
 
-    /// Gradient of the mean squared difference, into `gradient`.
-    pub(super) fn gradient(&mut self, pair: &Pair, gradient: &mut Pair) {
+    /// Gradient of the mean squared difference, into `gradient`, and the mean squared difference of `other`.
+    pub(super) fn gradient_and_error(
+        &mut self,
+        other: &mut Self,
+        pair: &Pair,
+        gradient: &mut Pair,
+    ) -> f32 {
         let unit = 2.0 / self.count.max(1) as f32;
-        self.each(|piece| piece.run(pair, Some(unit)));
+        let own = self.pieces.iter_mut().map(|piece| (piece, Some(unit)));
+        let others = other.pieces.iter_mut().map(|piece| (piece, None));
+        on_all_processors(own.chain(others), |(piece, unit)| piece.run(pair, unit));
         gradient.values_mut().for_each(|value| *value = 0.0);
         for piece in &self.pieces {
             for (sum, value) in gradient.values_mut().zip(piece.gradient.values()) {
                 *sum += value;
             }
         }
+        other.mean_square()
     }
 
-    fn each(&mut self, run: impl Fn(&mut Piece) + Sync) {
-        std::thread::scope(|threads| {
-            if let Some((first, others)) = self.pieces.split_first_mut() {
-                for piece in others {
-                    threads.spawn(|| run(piece));
-                }
-                run(first);
-            }
-        });
+    fn mean_square(&self) -> f32 {
+        let square: f64 = self.pieces.iter().map(|piece| piece.square).sum();
+        (square / self.count.max(1) as f64) as f32
     }
+}
+
+/// Each processor takes the next item when it is done with one.
+fn on_all_processors<T: Send>(
+    items: impl IntoIterator<Item = T, IntoIter: Send>,
+    work: impl Fn(T) + Sync,
+) {
+    let items = Mutex::new(items.into_iter());
+    let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let until_done = || {
+        while let Some(item) = next() {
+            work(item);
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    std::thread::scope(|scope| {
+        for _ in 1..threads.min(2 * PIECES) {
+            scope.spawn(until_done);
+        }
+        until_done();
+    });
 }
 
 impl Piece {
@@ -181,7 +206,9 @@ mod tests {
         let rows: Vec<usize> = (0..1100).map(|i| i * 7 % states.len()).collect();
         let mut loss = Loss::of(&rows, &states, &tau, &scale, &pair);
         let mut gradient = pair.zeros_like();
-        loss.gradient(&pair, &mut gradient);
+        let mut judged = Loss::of(&rows, &states, &tau, &scale, &pair);
+        let error = loss.gradient_and_error(&mut judged, &pair, &mut gradient);
+        assert_eq!(error, loss.error(&pair));
         let gradient: Vec<f32> = gradient.values().copied().collect();
         for k in (0..gradient.len()).step_by(5) {
             let mut moved = |by: f32| {
