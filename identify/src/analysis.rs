@@ -18,7 +18,7 @@ use crate::lag::Lag;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
-use crate::parallel::in_parallel;
+use crate::parallel::in_parallel_on;
 use crate::samples::JointSamples;
 use crate::screw::JointKind;
 
@@ -298,7 +298,11 @@ fn with_mechanism(
     if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
         used.push(found.iter().map(|found| !by_state(found)).collect());
     }
-    let fits = in_parallel(&used, |used| beside_mechanism(motion, &found, used));
+    // Side by side only while that is no question of memory: of an hour each takes some hundred megabytes.
+    let at_once = if motion.q.len() < MANY { usize::MAX } else { 1 };
+    let fits = in_parallel_on(at_once, &used, |used| {
+        beside_mechanism(motion, &found, used)
+    });
     let mut fits = fits.into_iter();
     let Some(all) = fits.next() else {
         unreachable!("one item has one result")
@@ -328,6 +332,9 @@ fn with_mechanism(
 
 /// Named effects are left to the mechanism when it does so much better on held-out strokes.
 const LEFT_BELOW: f64 = 0.97;
+
+/// Samples at the work rate, 20 min of them, from which on memory counts for more than time.
+const MANY: usize = 120_000;
 
 /// I, mu, b, those of `found` that are `used`, and the mechanism; the parameters of the others are zero.
 fn beside_mechanism(

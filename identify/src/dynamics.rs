@@ -76,7 +76,8 @@ pub struct EffortModel {
     pub rms: f64,
     /// Residual over effort, both as root mean squares.
     pub relative_error: f64,
-    /// Root mean square error on strokes left out of the fit.
+    /// Root mean square error on strokes left out of the fit to the smoothed motion; where [`JointFit::stands`], of the fit that
+    /// it started from.
     pub held_out_rms: f64,
     /// Independent samples that the residual is worth.
     pub effective_samples: f64,
@@ -185,7 +186,7 @@ fn fit_full(
     }
     let (solution, mut covariance) = design.solve(&smoothing);
     let params = design.params;
-    let (mut theta, predicted) = exact.unwrap_or_else(|| {
+    let (mut theta, mut predicted) = exact.unwrap_or_else(|| {
         mechanism.set(&solution.as_slice()[params..]);
         (solution.rows(0, params).into_owned(), &design.y * &solution)
     });
@@ -222,9 +223,13 @@ fn fit_full(
     } else {
         None
     };
+    let hidden = matches!(taken, Taken::TooMuch(_));
     let together = together.map(|mut together| {
-        if together.is_more_certain(&covariance) {
+        if !hidden && together.is_more_certain(&theta, &covariance) {
             together.fit.stands = true;
+            let all = together.theta.iter().copied();
+            let all: Vec<f64> = all.chain(together.mechanism.coefficients()).collect();
+            predicted = &design.y * DVector::from_vec(all);
             theta.copy_from(&together.theta);
             (mechanism, covariance) = (together.mechanism, together.covariance);
         }

@@ -336,6 +336,13 @@ impl Motion {
         }
     }
 
+    /// The same motion with another effort.
+    pub(crate) fn with_effort(mut self, tau: Vec<f64>) -> Self {
+        self.tau = tau;
+        self.smoothed_tau = OnceLock::new();
+        self
+    }
+
     /// A series at the work rate through the fit's filter, run by run.
     ///
     /// # Errors

@@ -167,7 +167,7 @@ pub fn identify_loaded(
     identify_with(recording, (tool, held), &[], settings, progress)
 }
 
-/// `tool` holds the recording's samples; `recording` may be rid of them.
+/// The held part of a recording and its joint; `tool` holds the recording's samples, `recording` may be rid of them.
 fn held_part(
     recording: &Recording,
     tool: &ToolSamples,
@@ -181,7 +181,7 @@ fn held_part(
     Ok(held)
 }
 
-/// As [`held_part`].
+/// Effort, dynamics, report and twin of the held part; `recording` may be rid of its samples.
 fn identify_with(
     recording: &Recording,
     (tool, held): (ToolSamples, Held),

@@ -54,7 +54,8 @@ pub struct Report {
     pub lag: Option<Lag>,
     /// The part of the contact wrench that does no work.
     pub nonwork: Option<NonWork>,
-    /// Motion and dynamics fitted together: a second opinion on I, mu, b that lets the wrench tell of the acceleration.
+    /// Motion and dynamics fitted together: I, mu, b where the wrench tells of the acceleration. Where it `stands`, `final` has them;
+    /// elsewhere it is a second opinion.
     pub joint_fit: Option<JointFit>,
     /// What the paper's own estimator gives for the same samples, when it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -7,8 +7,8 @@
 mod kinematics;
 mod resample;
 
-pub(crate) use kinematics::SMOOTH_HZ;
 pub use kinematics::ToolKinematics;
+pub(crate) use kinematics::smoothing_hz;
 
 use core::ops::Range;
 

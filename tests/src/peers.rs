@@ -53,6 +53,7 @@ fn of_environment(
                 std::env::var_os("FT_REQUIRE_PEERS").is_none(),
                 "{test}: {why}"
             );
+            let why = why.lines().last().unwrap_or_default();
             let _ = writeln!(std::io::stderr(), "skipped: {test}: {why}");
             None
         }
@@ -229,7 +230,7 @@ fn make_environment(name: &str, requirements: &str) -> Result<PathBuf, String> {
     Ok(python)
 }
 
-/// Runs `pip install` of `python`'s environment.
+/// Runs `pip install` of `python`'s environment. Without pip's cache, which would be a second copy of gigabytes.
 ///
 /// # Errors
 /// What pip said last, when it failed three times.

@@ -175,7 +175,7 @@ pub(super) struct Ground {
     made: Made,
 }
 
-/// Filtered columns of effects that were asked for lately, the last ones first.
+/// Filtered columns of the effects that were made last.
 #[derive(Default)]
 struct Made(Mutex<VecDeque<(Found, Columns)>>);
 

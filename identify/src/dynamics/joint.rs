@@ -29,7 +29,7 @@ use crate::mechanism::{Mechanism, SplineMechanism};
 use crate::motion::{Motion, MotionError, by_run};
 use crate::parallel::in_parallel_on;
 use crate::samples::quantile;
-use crate::tool::SMOOTH_HZ;
+use crate::tool::smoothing_hz;
 use arrow::{Arrow, Eliminated};
 use colour::Colour;
 use curve::{Curve, LOCAL, Weights};
@@ -46,6 +46,8 @@ const AT_ONCE: usize = 2;
 const MOST_SPLINES: usize = 10;
 /// Place of viscous friction among the parameters.
 const VISCOUS: usize = 2;
+/// Inertia, dry and viscous friction are so many parameters.
+const RIGID: usize = 3;
 /// Effort noise that is tried, over the sensor's.
 const NOISES: [f64; 9] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 16.0, 32.0];
 
@@ -73,19 +75,30 @@ pub(super) struct Together {
     pub(super) covariance: DMatrix<f64>,
     /// What goes with them.
     pub(super) mechanism: SplineMechanism,
+    /// Whether the steps came to rest.
+    pub(super) converged: bool,
 }
 
 impl Together {
-    /// Whether its region of confidence about inertia and friction is smaller than the plain fit's.
-    pub(super) fn is_more_certain(&self, plain: &DMatrix<f64>) -> bool {
-        // A parameter at its bound has no variance.
-        let pairs = (0..3).map(|j| (self.covariance[(j, j)], plain[(j, j)]));
-        let ratio: f64 = pairs
-            .filter(|(ours, plain)| *ours > 0.0 && *plain > 0.0)
-            .map(|(ours, plain)| ours / plain)
-            .product();
-        ratio < 1.0
+    /// Whether it came to rest and its inertia and friction are more certain than the plain fit's `theta`. Behind valves it is not
+    /// asked: here their bends stay where they are, there they do not.
+    pub(super) fn is_more_certain(&self, theta: &DVector<f64>, plain: &DMatrix<f64>) -> bool {
+        let bends = self.mechanism.len() > self.mechanism.first_bend();
+        self.converged && !bends && more_certain([&self.theta, theta], [&self.covariance, plain])
     }
+}
+
+/// Whether the product of the variances of inertia and friction is smaller in the first than in the second, both being at the same
+/// bounds: a parameter at its bound has no variance, and so no place in the comparison.
+fn more_certain(theta: [&DVector<f64>; 2], covariance: [&DMatrix<f64>; 2]) -> bool {
+    let [ours, plain] = theta;
+    let at_same_bounds = (ours.iter().zip(plain.iter())).all(|(a, b)| (*a == 0.0) == (*b == 0.0));
+    let ratios = (0..RIGID).map(|j| covariance.map(|of| of[(j, j)]));
+    let ratio: f64 = ratios
+        .filter(|[ours, plain]| *ours != 0.0 || *plain != 0.0)
+        .map(|[ours, plain]| ours / plain)
+        .product();
+    at_same_bounds && ratio < 1.0
 }
 
 /// Where the plain fit ended.
@@ -212,6 +225,7 @@ impl<'a> Problem<'a> {
         let mut x = alone.coefficients(&DVector::zeros(theta.len()));
         let mut noise = self.sensor;
         let mut rows = self.rows(&x, &theta)?;
+        let mut converged = false;
         for step in 0..STEPS {
             let effort = self.effort(&rows, |_| true);
             // Each of these is a good part of the memory that an hour takes.
@@ -229,7 +243,8 @@ impl<'a> Problem<'a> {
             drop(eliminated);
             rows = self.rows(&x, &theta)?;
             let change = (&theta - &before).component_div(&before.map(|v| v.abs().max(1e-9)));
-            if step >= 2 && change.rows(0, 3).amax() < 1e-4 {
+            converged = step >= 2 && change.rows(0, 3).amax() < 1e-4;
+            if converged {
                 break;
             }
         }
@@ -241,7 +256,9 @@ impl<'a> Problem<'a> {
             .collect();
         let scale = scale_of(eliminated.corner());
         let certain = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
-        let (held_out_rms, scatter) = self.held_out(&rows, &eliminated, noise)?;
+        let Some((held_out_rms, scatter)) = self.held_out(&rows, &eliminated, noise)? else {
+            return Ok(None);
+        };
         drop(eliminated);
         let scale = scale.rows(0, self.linear);
         let certain = certain.view((0, 0), (self.linear, self.linear));
@@ -272,6 +289,7 @@ impl<'a> Problem<'a> {
             theta: theta.rows(0, self.linear).into_owned(),
             covariance,
             mechanism: rows.mechanism,
+            converged,
         }))
     }
 
@@ -295,8 +313,8 @@ impl<'a> Problem<'a> {
                     linear += value * theta[place];
                 }
             }
-            let [by_q, by_dq] = slopes[i];
-            let by = [by_q, by_dq, theta[0] + self.motion.tool_inertia];
+            let [by_q, by_dq, by_ddq] = slopes[i];
+            let by = [by_q, by_dq, by_ddq + theta[0] + self.motion.tool_inertia];
             let curve = core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
             let fixed = mechanism.effort(q, dq) - linear;
             effort.push(Row {
@@ -339,12 +357,12 @@ impl<'a> Problem<'a> {
             };
             places.iter().map(value).collect()
         };
-        let mut motion = self.motion.with_states([of(0), of(1), of(2)]);
+        let motion = self.motion.with_states([of(0), of(1), of(2)]);
         let accelerations = self.taken_off.iter().zip(&motion.ddq);
-        for (tau, (taken_off, along)) in motion.tau.iter_mut().zip(accelerations) {
-            *tau += self.motion.tool_inertia * (taken_off - along);
-        }
-        motion
+        let tau = (motion.tau.iter().zip(accelerations))
+            .map(|(tau, (taken_off, along))| tau + self.motion.tool_inertia * (taken_off - along))
+            .collect();
+        motion.with_effort(tau)
     }
 
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
@@ -355,32 +373,43 @@ impl<'a> Problem<'a> {
         Ok(out)
     }
 
-    /// Change of the effort per change of the coordinate and of the velocity, at each sample whose effort counts, without the
-    /// inertia's.
+    /// Change of the effort per change of the coordinate, the velocity and the acceleration, at each sample whose effort counts,
+    /// without the inertia's.
     fn slopes(
         &self,
         motion: &Motion,
         mechanism: &SplineMechanism,
         series: &[Vec<f64>],
         theta: &DVector<f64>,
-    ) -> Result<Vec<[f64; 2]>, MotionError> {
+    ) -> Result<Vec<[f64; 3]>, MotionError> {
         let domain = &mechanism.domain;
-        let small = [domain.q, domain.dq].map(|[low, high]| 1e-4 * (high - low).max(1e-9));
-        let mut out = vec![[0.0; 2]; motion.q.len()];
+        let most = motion
+            .ddq
+            .iter()
+            .fold(0.0_f64, |most, ddq| most.max(ddq.abs()));
+        let small =
+            [domain.q, domain.dq, [-most, most]].map(|[low, high]| 1e-4 * (high - low).max(1e-9));
+        let mut out = vec![[0.0; 3]; motion.q.len()];
+        for &(i, _) in &self.used {
+            let (q, dq) = (motion.q[i], motion.dq[i]);
+            let [by_q, by_dq] = [[small[0], 0.0], [0.0, small[1]]].map(|[step, faster]| {
+                mechanism.effort(q + step, dq + faster) - mechanism.effort(q - step, dq - faster)
+            });
+            out[i] = [by_q / (2.0 * small[0]), by_dq / (2.0 * small[1]), 0.0];
+        }
         for (k, small) in small.into_iter().enumerate() {
-            for &(i, _) in &self.used {
-                let [dq, dv] = if k == 0 { [small, 0.0] } else { [0.0, small] };
-                let effort = |s: f64| {
-                    let (q, v) = (motion.q[i] + s * dq, motion.dq[i] + s * dv);
-                    mechanism.effort(q, v)
-                };
-                out[i][k] = (effort(1.0) - effort(-1.0)) / (2.0 * small);
-            }
             let mut moved = motion.clone();
-            let shifted = if k == 0 { &mut moved.q } else { &mut moved.dq };
-            shifted.iter_mut().for_each(|v| *v += small);
-            // Inertia and dry friction do not depend on either.
-            for (j, moved) in self.series(&moved)?.iter().enumerate().skip(2) {
+            let shifted = [&mut moved.q, &mut moved.dq, &mut moved.ddq];
+            for shifted in shifted.into_iter().skip(k).take(1) {
+                shifted.iter_mut().for_each(|v| *v += small);
+            }
+            // Inertia and dry friction depend on neither coordinate nor velocity, and of the acceleration only the inertia knows but
+            // for named effects.
+            let first = if k == 2 { RIGID } else { VISCOUS };
+            if series.len() <= first {
+                continue;
+            }
+            for (j, moved) in self.series(&moved)?.iter().enumerate().skip(first) {
                 for (out, (a, b)) in out.iter_mut().zip(moved.iter().zip(&series[j])) {
                     out[k] += theta[j] * (a - b) / small;
                 }
@@ -463,13 +492,14 @@ impl<'a> Problem<'a> {
     }
 
     /// Error on strokes that the parameters were not fitted to, the motion being that of `all` strokes; and how far the parameters
-    /// move with what is left out, as a covariance: it knows of slow errors of the model, which the noise alone does not.
+    /// move with what is left out, as a covariance: it knows of slow errors of the model, which the noise alone does not. Nothing
+    /// when less than two parts could be left out.
     fn held_out(
         &self,
         rows: &Rows,
         all: &Eliminated,
         noise: f64,
-    ) -> Result<(f64, DMatrix<f64>), MotionError> {
+    ) -> Result<Option<(f64, DMatrix<f64>)>, MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
         let without = |fold: usize| -> Result<Option<(Vec<f64>, DVector<f64>)>, MotionError> {
@@ -481,7 +511,9 @@ impl<'a> Problem<'a> {
             drop(rest);
             let there = self.rows(&all.coefficients(&theta), &theta)?;
             let residual = self.filtered_residual(&there, &theta)?;
-            Ok(Some((residual, theta.rows(0, self.linear).into_owned())))
+            let mut named = theta.rows(0, self.linear).into_owned();
+            named[VISCOUS] += there.mechanism.clone().take_common_damping();
+            Ok(Some((residual, named)))
         };
         let each: Vec<usize> = (0..folds).collect();
         let fits = in_parallel_on(AT_ONCE, &each, |fold| without(*fold));
@@ -499,7 +531,7 @@ impl<'a> Problem<'a> {
             left_out.push(theta);
         }
         let rms = (square / f64::from(samples.max(1))).sqrt();
-        Ok((rms, jackknife(&left_out, self.linear)))
+        Ok((left_out.len() > 1).then(|| (rms, jackknife(&left_out, self.linear))))
     }
 }
 
@@ -522,9 +554,13 @@ fn jackknife(left_out: &[DVector<f64>], params: usize) -> DMatrix<f64> {
 /// 95 % interval of Student's distribution over the normal one's: Abramowitz and Stegun, 26.7.5.
 fn student_over_normal(freedom: f64) -> f64 {
     const NORMAL: f64 = 1.96;
-    let n = freedom.max(1.0);
-    let square = NORMAL * NORMAL;
-    1.0 + (square + 1.0) / (4.0 * n) + ((5.0 * square + 16.0) * square + 3.0) / (96.0 * n * n)
+    let (n, z) = (freedom.max(1.0), NORMAL * NORMAL);
+    let terms = [
+        (z + 1.0) / 4.0,
+        ((5.0 * z + 16.0) * z + 3.0) / 96.0,
+        (((3.0 * z + 19.0) * z + 17.0) * z - 15.0) / 384.0,
+    ];
+    1.0 + (terms[0] + (terms[1] + terms[2] / n) / n) / n
 }
 
 /// The equations of the curve by the measured coordinate alone, whitened.
@@ -575,7 +611,7 @@ fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour, params: usize)
 /// The joint's acceleration as [`crate::tool`] took it from the poses.
 fn tool_acceleration(motion: &Motion) -> Option<Vec<f64>> {
     let rate_hz = 1.0 / motion.period;
-    let filter = LowPass::butterworth(4, SMOOTH_HZ.min(0.4 * rate_hz), rate_hz).ok()?;
+    let filter = LowPass::butterworth(4, smoothing_hz(rate_hz), rate_hz).ok()?;
     by_run(&motion.runs, &motion.q_measured, |part| {
         let smooth = filter.zero_phase_settled(part)?;
         Ok(second_derivative(&smooth, motion.period))
@@ -637,4 +673,51 @@ fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
 
 fn scale_of(matrix: &DMatrix<f64>) -> DVector<f64> {
     matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_left_out_tell_how_far_a_mean_is_certain() {
+        // The mean of n numbers: the jackknife is their variance over n, widened for few of them.
+        let numbers = [1.0, 4.0, 2.0, 7.0, 6.0, 4.0];
+        let n = numbers.len() as f64;
+        let sum: f64 = numbers.iter().sum();
+        let left_out = numbers.map(|number| DVector::from_element(1, (sum - number) / (n - 1.0)));
+        let square: f64 = numbers.iter().map(|v| (v - sum / n).powi(2)).sum();
+        let expected = square / (n - 1.0) / n * student_over_normal(n - 1.0).powi(2);
+        let found = jackknife(&left_out, 1)[(0, 0)];
+        assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
+    }
+
+    #[test]
+    fn students_interval_is_that_of_the_tables() {
+        for (freedom, table) in [
+            (2.0, 4.303),
+            (3.0, 3.182),
+            (5.0, 2.571),
+            (10.0, 2.228),
+            (1e6, 1.96),
+        ] {
+            let found = 1.96 * student_over_normal(freedom);
+            assert!((found / table - 1.0).abs() < 0.035, "{freedom}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_parameter_at_a_bound_of_its_own_is_not_more_certain() {
+        let theta = DVector::from_row_slice(&[1.0, 0.5, 0.2]);
+        let plain = DMatrix::from_diagonal_element(3, 3, 4.0);
+        let is = |ours: [f64; 3], variance: f64| {
+            let ours = DVector::from_row_slice(&ours);
+            let covariance = DMatrix::from_diagonal_element(3, 3, variance);
+            more_certain([&ours, &theta], [&covariance, &plain])
+        };
+        assert!(is([1.1, 0.4, 0.3], 3.0));
+        assert!(!is([1.1, 0.4, 0.3], 5.0));
+        assert!(!is([1.1, 0.0, 0.3], 3.0));
+        assert!(!is([1.1, 0.4, 0.3], f64::NAN));
+    }
 }

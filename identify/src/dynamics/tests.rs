@@ -1,4 +1,5 @@
 use super::*;
+use crate::filter::{LowPass, second_derivative};
 use crate::mechanism::Mechanism as _;
 use crate::motion::MotionSettings;
 use crate::noise;
@@ -364,6 +365,41 @@ fn the_wrench_tells_of_a_heavy_objects_acceleration() {
     );
     let inertia = together.terms[0].value.unwrap();
     assert!((inertia / 25.0 - 1.0).abs() < 0.01, "{inertia}");
+}
+
+#[test]
+fn the_tools_own_inertia_brings_the_trackers_noise_into_the_effort_and_the_joint_fit_knows_it() {
+    let tool = 2.0;
+    let noise = 1e-3;
+    let mut samples = record(&PLAIN, 40.0, [noise, 0.05], 3);
+    let true_to_life = record(&PLAIN, 40.0, [0.0, 0.05], 3);
+    // What of the noise the tool's inertia brought with it when it was taken off.
+    let filter = LowPass::butterworth(4, 20.0, 1000.0).unwrap();
+    let of_poses: Vec<f64> = samples
+        .q
+        .iter()
+        .zip(&true_to_life.q)
+        .map(|(a, b)| a - b)
+        .collect();
+    let smooth = filter.zero_phase_settled(&of_poses).unwrap();
+    let acceleration = second_derivative(&smooth, 1e-3);
+    for (tau, a) in samples.tau.iter_mut().zip(acceleration) {
+        *tau -= tool * a;
+    }
+    let error = |samples: &JointSamples| {
+        let motion = Motion::prepare(samples, &MotionSettings::default()).unwrap();
+        let (model, together) = fit_jointly(&motion, &[&RigidBody]).unwrap();
+        let together = together.unwrap();
+        let inertia = together.terms[0].value.unwrap();
+        assert_eq!(together.stands, model.value("inertia") == Some(inertia));
+        (inertia / 2.5 - 1.0, together.stands)
+    };
+    let (unaware, _) = error(&samples);
+    samples.aside.tool_inertia = tool;
+    let (aware, stands) = error(&samples);
+    assert!(aware.abs() < 0.01, "{aware}");
+    assert!(unaware.abs() > 3.0 * aware.abs(), "{unaware} {aware}");
+    assert!(stands);
 }
 
 #[test]

@@ -71,7 +71,9 @@ impl Report {
                 Some(format!("{} {value:.3} ± {std:.3} {}", term.name, term.unit))
             });
             let terms: Vec<String> = terms.collect();
-            let stands = if joint.stands {
+            let stands = if terms.is_empty() {
+                "no parameters"
+            } else if joint.stands {
                 ", which stands above"
             } else {
                 ", less certain than what stands above"

@@ -10,7 +10,12 @@ const GRAVITY: f64 = 9.80665;
 
 /// Cut-off of the low-pass on poses before they are differentiated, Hz: well above the fit's, so that the tool's inertial
 /// wrench is whole there.
-pub(crate) const SMOOTH_HZ: f64 = 20.0;
+const SMOOTH_HZ: f64 = 20.0;
+
+/// That cut-off for poses at a rate.
+pub(crate) fn smoothing_hz(rate_hz: f64) -> f64 {
+    SMOOTH_HZ.min(0.2 * rate_hz)
+}
 
 /// Motion of the sensor frame over the samples of a [`ToolSamples`].
 #[derive(Clone, Debug)]
@@ -32,7 +37,7 @@ impl ToolKinematics {
     /// [`FilterError::Cutoff`] when the rate is too low for any filter.
     pub fn of(tool: &ToolSamples) -> Result<Self, FilterError> {
         let rate_hz = 1.0 / tool.period;
-        let filter = LowPass::butterworth(4, SMOOTH_HZ.min(0.2 * rate_hz), rate_hz)?;
+        let filter = LowPass::butterworth(4, smoothing_hz(rate_hz), rate_hz)?;
         let count = tool.time.len();
         let turn = tool.tcp_from_ft_sensor.rotation;
         let arm = tool.tcp_from_ft_sensor.translation.vector;

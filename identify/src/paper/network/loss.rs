@@ -128,7 +128,9 @@ fn on_all_processors<T: Send>(
     items: impl IntoIterator<Item = T, IntoIter: Send>,
     work: impl Fn(T) + Sync,
 ) {
-    let items = Mutex::new(items.into_iter());
+    let items = items.into_iter();
+    let most = items.size_hint().0;
+    let items = Mutex::new(items);
     let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
     let until_done = || {
         while let Some(item) = next() {
@@ -137,7 +139,7 @@ fn on_all_processors<T: Send>(
     };
     let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
     std::thread::scope(|scope| {
-        for _ in 1..threads.min(2 * PIECES) {
+        for _ in 1..threads.min(most) {
             scope.spawn(until_done);
         }
         until_done();
