@@ -5,7 +5,7 @@
 //! ```
 //!
 //! A sample is two frames that say nothing about each other: the second half must come right behind the first and be stamped
-//! within [`Config::pairing_timeout`], and a new poll forgets a half that waits. The wrench is the matrix, read from the board at
+//! within half a [`Config::period`], and a new poll forgets a half that waits. The wrench is the matrix, read from the board at
 //! each start, times the gauges; units are the board's and become SI.
 //!
 //! The board keeps a bus error in its status until it is reset: the driver calls it lost, resets it and sets it up anew, matrix
@@ -49,8 +49,6 @@ pub struct Config {
     pub answer_timeout: Duration,
     /// Longest wait for the answer to a poll. Default 20 ms.
     pub poll_timeout: Duration,
-    /// Longest time between the stamps of the halves of a sample. Default 2 ms.
-    pub pairing_timeout: Duration,
     /// Unanswered polls in a row after which the board counts as lost. Default 10.
     pub lost_after: u32,
     /// Pause between being lost and the next attempt. Default 1 s.
@@ -67,7 +65,6 @@ impl Default for Config {
             startup: Startup::default(),
             answer_timeout: Duration::from_millis(100),
             poll_timeout: Duration::from_millis(20),
-            pairing_timeout: Duration::from_millis(2),
             lost_after: 10,
             retry_after: Duration::from_secs(1),
         }
@@ -306,7 +303,7 @@ impl AtiNetcanoem {
             self.skip();
             return;
         };
-        if at.saturating_since(first_at) > self.config.pairing_timeout {
+        if at.saturating_since(first_at) > self.config.period / 2 {
             self.refuse();
             self.skip();
             return;
