@@ -301,7 +301,7 @@ fn with_mechanism(
     // Side by side only while that is no question of memory: of an hour each takes some hundred megabytes.
     let at_once = if motion.q.len() < MANY { usize::MAX } else { 1 };
     let fits = in_parallel_on(at_once, &used, |used| {
-        beside_mechanism(motion, &found, used)
+        beside_mechanism(motion, &found, used, EXPLAINED_BELOW * floor)
     });
     let mut fits = fits.into_iter();
     let Some(all) = fits.next() else {
@@ -341,11 +341,12 @@ fn beside_mechanism(
     motion: &Motion,
     found: &[Found],
     used: &[bool],
+    whole_below: f64,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let some = found.iter().zip(used).filter(|(_, used)| **used);
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(some.map(|(found, _)| found as &dyn Effect));
-    let (mut model, jointly) = fit_jointly(motion, &effects)?;
+    let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
     let mut fitted = model.theta.iter().copied();
     let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();
     for (found, used) in found.iter().zip(used) {

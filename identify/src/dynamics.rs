@@ -139,25 +139,28 @@ pub fn fit_with_mechanism(
     motion: &Motion,
     effects: &[&dyn Effect],
 ) -> Result<EffortModel, DynamicsError> {
-    Ok(fit_full(motion, effects, false)?.0)
+    Ok(fit_full(motion, effects, None)?.0)
 }
 
 /// As [`fit_with_mechanism`], and then motion and dynamics together from there, nothing when that foretells held-out strokes
-/// no better; where its inertia and friction are more certain, the model has its parameters and its mechanism.
+/// no better; where its inertia and friction are more certain, the model has its parameters and its mechanism. It takes from the
+/// wrench how the joint moved, so it presumes that the model lacks nothing: only where the smoothed motion leaves at most
+/// `whole_below` on held-out strokes, N m or N.
 ///
 /// # Errors
 /// [`DynamicsError`].
 pub fn fit_jointly(
     motion: &Motion,
     effects: &[&dyn Effect],
+    whole_below: f64,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
-    fit_full(motion, effects, true)
+    fit_full(motion, effects, Some(whole_below))
 }
 
 fn fit_full(
     motion: &Motion,
     effects: &[&dyn Effect],
-    jointly: bool,
+    whole_below: Option<f64>,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let mut mechanism = SplineMechanism::over(motion);
     let parametric = Design::new(motion, effects, None)?;
@@ -212,7 +215,7 @@ fn fit_full(
         theta.copy_from_slice(&changed[..params]);
         mechanism.set(&changed[params..]);
     }
-    let together = if jointly {
+    let together = if whole_below.is_some() {
         let plain = joint::Plain {
             theta: theta.as_slice(),
             mechanism: &mechanism,
@@ -223,9 +226,10 @@ fn fit_full(
     } else {
         None
     };
-    let hidden = matches!(taken, Taken::TooMuch(_));
+    let may_stand =
+        !matches!(taken, Taken::TooMuch(_)) && whole_below.is_some_and(|most| held_out_rms <= most);
     let together = together.map(|mut together| {
-        if !hidden && together.is_more_certain(&theta, &covariance) {
+        if may_stand && together.is_more_certain(&theta, &covariance) {
             together.fit.stands = true;
             let all = together.theta.iter().copied();
             let all: Vec<f64> = all.chain(together.mechanism.coefficients()).collect();

@@ -62,7 +62,7 @@ pub struct JointFit {
     pub rms: f64,
     /// The same on strokes whose effort had no part in the parameters. Their motion is known by it all the same.
     pub held_out_rms: f64,
-    /// Whether the full model has these parameters: they are more certain than those of the plain fit.
+    /// Whether the full model has these parameters: they are more certain than those of the plain fit, and it lacks nothing.
     pub stands: bool,
 }
 

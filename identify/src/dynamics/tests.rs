@@ -355,7 +355,7 @@ fn the_wrench_tells_of_a_heavy_objects_acceleration() {
     // A tracker whose noise, as acceleration of 25 kg m^2, is far above that of the wrench.
     let samples = record(&heavy, 40.0, [2e-4, 0.05], 3);
     let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
-    let (plain, together) = fit_jointly(&motion, &[&RigidBody]).unwrap();
+    let (plain, together) = fit_jointly(&motion, &[&RigidBody], f64::INFINITY).unwrap();
     let together = together.unwrap();
     assert!(
         together.held_out_rms < 0.8 * plain.held_out_rms,
@@ -386,20 +386,25 @@ fn the_tools_own_inertia_brings_the_trackers_noise_into_the_effort_and_the_joint
     for (tau, a) in samples.tau.iter_mut().zip(acceleration) {
         *tau -= tool * a;
     }
-    let error = |samples: &JointSamples| {
+    let error = |samples: &JointSamples, whole_below: f64| {
         let motion = Motion::prepare(samples, &MotionSettings::default()).unwrap();
-        let (model, together) = fit_jointly(&motion, &[&RigidBody]).unwrap();
+        let (model, together) = fit_jointly(&motion, &[&RigidBody], whole_below).unwrap();
         let together = together.unwrap();
         let inertia = together.terms[0].value.unwrap();
         assert_eq!(together.stands, model.value("inertia") == Some(inertia));
         (inertia / 2.5 - 1.0, together.stands)
     };
-    let (unaware, _) = error(&samples);
+    let (unaware, _) = error(&samples, f64::INFINITY);
     samples.aside.tool_inertia = tool;
-    let (aware, stands) = error(&samples);
+    let (aware, stands) = error(&samples, f64::INFINITY);
     assert!(aware.abs() < 0.01, "{aware}");
     assert!(unaware.abs() > 3.0 * aware.abs(), "{unaware} {aware}");
     assert!(stands);
+    let (_, stands) = error(&samples, 0.0);
+    assert!(
+        !stands,
+        "where the model lacks something it presumes too much"
+    );
 }
 
 #[test]

@@ -76,7 +76,7 @@ impl Report {
             } else if joint.stands {
                 ", which stands above"
             } else {
-                ", less certain than what stands above"
+                ", a second opinion"
             };
             let _ = writeln!(
                 out,
