@@ -73,6 +73,8 @@ pub struct Diagnosis {
 const RIVAL_BELOW: f64 = 0.95;
 /// A named load does as well as a curve when the whole model errs no more than so many times as much.
 const AS_WELL: f64 = 1.05;
+/// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
+const GAINED_BELOW: f64 = 0.999;
 const REPLICATES: usize = 40;
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
@@ -229,13 +231,30 @@ impl State {
         };
         if choice.kind.name == "time_lag" {
             self.take_lag(&choice, p_value)?;
+            self.tidy()?;
         } else {
+            let (before, error) = (self.names(), self.error()?);
             self.add_best(&choice, p_value, &seen)?;
+            self.tidy()?;
+            // What came and was superfluous at once would come again.
+            if self.names() == before && self.error()? > GAINED_BELOW * error {
+                self.given_up.push(choice.kind.name);
+            }
         }
+        Ok(self.effects.len() < MOST_EFFECTS)
+    }
+
+    fn tidy(&mut self) -> Result<(), DynamicsError> {
         self.reform()?;
         self.swap()?;
-        self.prune()?;
-        Ok(self.effects.len() < MOST_EFFECTS)
+        self.prune()
+    }
+
+    fn names(&self) -> Vec<&'static str> {
+        self.effects
+            .iter()
+            .map(|(found, _)| found.kind.name)
+            .collect()
     }
 
     /// Adds the choice, or a rival: the other effects' shapes were found without it and have taken up a part of what it does, so
@@ -309,9 +328,7 @@ impl State {
             self.ground.curve = curve;
             self.given_up.clear();
         }
-        self.reform()?;
-        self.swap()?;
-        self.prune()?;
+        self.tidy()?;
         Ok(true)
     }
 

@@ -148,23 +148,14 @@ struct Problem<'a> {
     taken_off: Vec<f64>,
 }
 
-/// A motion along the curve, and the effort's rows there.
-struct Rows {
+/// A motion along the curve, and what the effort there depends on.
+struct Place {
     motion: Motion,
-    /// With the parameters near which the rows are.
+    theta: DVector<f64>,
+    /// With the parameters.
     mechanism: SplineMechanism,
     /// Regressors of the effects, unfiltered.
     series: Vec<Vec<f64>>,
-    effort: Vec<Row>,
-}
-
-struct Row {
-    first: usize,
-    curve: [f64; LOCAL],
-    params: Vec<(usize, f64)>,
-    right: f64,
-    /// Which of the fit's samples it is near.
-    near: usize,
 }
 
 impl<'a> Problem<'a> {
@@ -198,7 +189,7 @@ impl<'a> Problem<'a> {
             .select_rows(&chosen)
             .select_columns(&chosen)
             * (used.len() as f64 / motion.kept.len().max(1) as f64);
-        let position = position_rows(motion, &curve, &colour, start.len());
+        let position = position_rows(motion, &curve, &colour);
         let taken_off = tool_acceleration(motion)?;
         (colour.new_std > 0.0 && used.len() > 2 * start.len()).then_some(Self {
             motion,
@@ -222,33 +213,34 @@ impl<'a> Problem<'a> {
         let Some(alone) = self.position.clone().eliminate() else {
             return Ok(None);
         };
-        let mut x = alone.coefficients(&DVector::zeros(theta.len()));
+        let x = alone.coefficients(&DVector::zeros(0));
+        drop(alone);
         let mut noise = self.sensor;
-        let mut rows = self.rows(&x, &theta)?;
+        let mut place = self.place(&x, &theta)?;
         let mut converged = false;
         for step in 0..STEPS {
-            let effort = self.effort(&rows, |_| true);
+            let effort = self.effort(&place, &self.slopes(&place)?, |_| true);
             // Each of these is a good part of the memory that an hour takes.
-            drop(rows);
+            drop(place);
             if step < 2 {
                 noise = self.likeliest_noise(&effort).unwrap_or(noise);
             }
-            let Some(eliminated) = self.whole(&effort, noise) else {
+            let Some(eliminated) = self.whole(effort, noise) else {
                 return Ok(None);
             };
-            drop(effort);
             let before = theta;
             theta = self.minimum(&eliminated);
-            x = eliminated.coefficients(&theta);
+            let x = eliminated.coefficients(&theta);
             drop(eliminated);
-            rows = self.rows(&x, &theta)?;
+            place = self.place(&x, &theta)?;
             let change = (&theta - &before).component_div(&before.map(|v| v.abs().max(1e-9)));
             converged = step >= 2 && change.rows(0, 3).amax() < 1e-4;
             if converged {
                 break;
             }
         }
-        let Some(eliminated) = self.whole(&self.effort(&rows, |_| true), noise) else {
+        let slopes = self.slopes(&place)?;
+        let Some(eliminated) = self.whole(self.effort(&place, &slopes, |_| true), noise) else {
             return Ok(None);
         };
         let at_bound: Vec<bool> = (0..theta.len())
@@ -256,15 +248,16 @@ impl<'a> Problem<'a> {
             .collect();
         let scale = scale_of(eliminated.corner());
         let certain = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
-        let Some((held_out_rms, scatter)) = self.held_out(&rows, &eliminated, noise)? else {
+        let Some((held_out_rms, scatter)) = self.held_out((&place, &slopes), &eliminated, noise)?
+        else {
             return Ok(None);
         };
         drop(eliminated);
         let scale = scale.rows(0, self.linear);
         let certain = certain.view((0, 0), (self.linear, self.linear));
         let covariance = certain.component_div(&(scale * scale.transpose())) + scatter;
-        let residual = self.filtered_residual(&rows, &theta)?;
-        let viscous = theta[VISCOUS] + rows.mechanism.clone().take_common_damping();
+        let residual = self.filtered_residual(&place)?;
+        let viscous = theta[VISCOUS] + place.mechanism.clone().take_common_damping();
         let kind = self.motion.kind;
         let units = [
             ("inertia", kind.inertia_unit()),
@@ -288,48 +281,20 @@ impl<'a> Problem<'a> {
             fit,
             theta: theta.rows(0, self.linear).into_owned(),
             covariance,
-            mechanism: rows.mechanism,
+            mechanism: place.mechanism,
             converged,
         }))
     }
 
-    /// The motion along the curve with coefficients `x`, and the effort's rows near it and near the parameters `theta`.
-    fn rows(&self, x: &[f64], theta: &DVector<f64>) -> Result<Rows, MotionError> {
-        let mechanism = self.mechanism_with(theta);
+    /// The motion along the curve with coefficients `x`, with parameters `theta`.
+    fn place(&self, x: &[f64], theta: &DVector<f64>) -> Result<Place, MotionError> {
         let motion = self.along(x);
         let series = self.series(&motion)?;
-        let slopes = self.slopes(&motion, &mechanism, &series, theta)?;
-        let places = self.curve.at_samples();
-        let mut effort = Vec::with_capacity(self.used.len());
-        for &(i, near) in &self.used {
-            let (first, weights) = places[i];
-            let (q, dq, ddq) = (motion.q[i], motion.dq[i], motion.ddq[i]);
-            let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
-            params.extend(series.iter().enumerate().map(|(j, s)| (j, s[i])));
-            let mut linear = 0.0;
-            for (j, value) in mechanism.linear_row(q, dq) {
-                if let Some(place) = self.places[j] {
-                    params.push((place, value));
-                    linear += value * theta[place];
-                }
-            }
-            let [by_q, by_dq, by_ddq] = slopes[i];
-            let by = [by_q, by_dq, by_ddq + theta[0] + self.motion.tool_inertia];
-            let curve = core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
-            let fixed = mechanism.effort(q, dq) - linear;
-            effort.push(Row {
-                first,
-                curve,
-                params,
-                right: motion.tau[i] - fixed + by[0] * q + by[1] * dq + by[2] * ddq,
-                near,
-            });
-        }
-        Ok(Rows {
+        Ok(Place {
             motion,
-            mechanism,
+            theta: theta.clone(),
+            mechanism: self.mechanism_with(theta),
             series,
-            effort,
         })
     }
 
@@ -377,10 +342,12 @@ impl<'a> Problem<'a> {
     /// without the inertia's.
     fn slopes(
         &self,
-        motion: &Motion,
-        mechanism: &SplineMechanism,
-        series: &[Vec<f64>],
-        theta: &DVector<f64>,
+        Place {
+            motion,
+            theta,
+            mechanism,
+            series,
+        }: &Place,
     ) -> Result<Vec<[f64; 3]>, MotionError> {
         let domain = &mechanism.domain;
         let most = motion
@@ -418,20 +385,45 @@ impl<'a> Problem<'a> {
         Ok(out)
     }
 
-    /// The effort's equations with unit noise, of the rows that are wanted.
-    fn effort(&self, rows: &Rows, wanted: impl Fn(usize) -> bool) -> Arrow {
-        let mut out = self.position.emptied();
-        for row in rows.effort.iter().filter(|row| wanted(row.near)) {
-            out.add(row.first, &row.curve, &row.params, row.right);
+    /// The effort's equations near a place with unit noise, of those samples that are near wanted ones of the fit.
+    fn effort(&self, place: &Place, slopes: &[[f64; 3]], wanted: impl Fn(usize) -> bool) -> Arrow {
+        let Place {
+            motion,
+            theta,
+            mechanism,
+            series,
+        } = place;
+        let at_samples = self.curve.at_samples();
+        let mut out = self.position.with_params(theta.len());
+        let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
+        for &(i, _) in self.used.iter().filter(|(_, near)| wanted(*near)) {
+            let (first, weights) = at_samples[i];
+            let (q, dq, ddq) = (motion.q[i], motion.dq[i], motion.ddq[i]);
+            params.clear();
+            params.extend(series.iter().enumerate().map(|(j, s)| (j, s[i])));
+            let mut linear = 0.0;
+            for (j, value) in mechanism.linear_row(q, dq) {
+                if let Some(place) = self.places[j] {
+                    params.push((place, value));
+                    linear += value * theta[place];
+                }
+            }
+            let [by_q, by_dq, by_ddq] = slopes[i];
+            let by = [by_q, by_dq, by_ddq + theta[0] + self.motion.tool_inertia];
+            let curve: [f64; LOCAL] =
+                core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
+            let fixed = mechanism.effort(q, dq) - linear;
+            let right = motion.tau[i] - fixed + by[0] * q + by[1] * dq + by[2] * ddq;
+            out.add(first, &curve, &params, right);
         }
         out.corner += &self.penalty;
         out
     }
 
-    fn whole(&self, effort: &Arrow, noise: f64) -> Option<Eliminated> {
-        let mut whole = self.position.clone();
-        whole.add_weighted(effort, 1.0 / (noise * noise));
-        whole.eliminate()
+    fn whole(&self, effort: Arrow, noise: f64) -> Option<Eliminated> {
+        effort
+            .weighted_beside(1.0 / (noise * noise), &self.position)
+            .eliminate()
     }
 
     /// The effort's noise with which both series are likeliest, the curve and the parameters integrated out.
@@ -439,7 +431,7 @@ impl<'a> Problem<'a> {
         // The mechanism's smoothness is stated in units of the noise too.
         let samples = (self.used.len() + self.start.len() - self.linear) as f64;
         let surprise = |noise: f64| {
-            let eliminated = self.whole(effort, noise)?;
+            let eliminated = self.whole(effort.clone(), noise)?;
             let theta = self.minimum(&eliminated);
             let scale = scale_of(eliminated.corner());
             let corner = scaled(eliminated.corner(), &scale).cholesky()?.l();
@@ -471,21 +463,17 @@ impl<'a> Problem<'a> {
     }
 
     /// What the parameters leave of the effort along the motion, filtered, at the fit's samples.
-    fn filtered_residual(
-        &self,
-        rows: &Rows,
-        theta: &DVector<f64>,
-    ) -> Result<Vec<f64>, MotionError> {
-        let motion = &rows.motion;
+    fn filtered_residual(&self, place: &Place) -> Result<Vec<f64>, MotionError> {
+        let motion = &place.motion;
         let left: Vec<f64> = (0..motion.q.len())
             .map(|i| {
-                let effects: f64 = rows
+                let effects: f64 = place
                     .series
                     .iter()
-                    .zip(theta.iter())
+                    .zip(place.theta.iter())
                     .map(|(series, theta)| series[i] * theta)
                     .sum();
-                motion.tau[i] - effects - rows.mechanism.effort(motion.q[i], motion.dq[i])
+                motion.tau[i] - effects - place.mechanism.effort(motion.q[i], motion.dq[i])
             })
             .collect();
         motion.regressor(&left)
@@ -496,21 +484,21 @@ impl<'a> Problem<'a> {
     /// when less than two parts could be left out.
     fn held_out(
         &self,
-        rows: &Rows,
+        (place, slopes): (&Place, &[[f64; 3]]),
         all: &Eliminated,
         noise: f64,
     ) -> Result<Option<(f64, DMatrix<f64>)>, MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
         let without = |fold: usize| -> Result<Option<(Vec<f64>, DVector<f64>)>, MotionError> {
-            let rest = self.effort(rows, |near| fold_of[near] != fold);
-            let Some(rest) = self.whole(&rest, noise) else {
+            let rest = self.effort(place, slopes, |near| fold_of[near] != fold);
+            let Some(rest) = self.whole(rest, noise) else {
                 return Ok(None);
             };
             let theta = self.minimum(&rest);
             drop(rest);
-            let there = self.rows(&all.coefficients(&theta), &theta)?;
-            let residual = self.filtered_residual(&there, &theta)?;
+            let there = self.place(&all.coefficients(&theta), &theta)?;
+            let residual = self.filtered_residual(&there)?;
             let mut named = theta.rows(0, self.linear).into_owned();
             named[VISCOUS] += there.mechanism.clone().take_common_damping();
             Ok(Some((residual, named)))
@@ -564,10 +552,10 @@ fn student_over_normal(freedom: f64) -> f64 {
 }
 
 /// The equations of the curve by the measured coordinate alone, whitened.
-fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour, params: usize) -> Arrow {
+fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour) -> Arrow {
     let order = colour.past.len();
     let width = LOCAL - 1 + order.div_ceil(curve.step());
-    let mut arrow = Arrow::new(curve.len(), width, params);
+    let mut arrow = Arrow::new(curve.len(), width, 0);
     let places = curve.at_samples();
     let mut row = vec![0.0; width + 1];
     for run in curve.runs() {

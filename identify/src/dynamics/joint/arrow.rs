@@ -3,6 +3,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+/// Columns of the border that are multiplied at a time.
+const PIECE: usize = 4096;
+
 /// `[B C; C' D] [x; theta] = [f; g]`, B banded.
 #[derive(Clone, Debug)]
 pub(super) struct Arrow {
@@ -34,9 +37,9 @@ impl Arrow {
         }
     }
 
-    /// Of the same shape, empty.
-    pub(super) fn emptied(&self) -> Self {
-        Self::new(self.right.len(), self.width, self.params)
+    /// Of the same coefficients with parameters, empty.
+    pub(super) fn with_params(&self, params: usize) -> Self {
+        Self::new(self.right.len(), self.width, params)
     }
 
     /// Adds the row `coefficients (from first on) x + params theta = right`.
@@ -67,20 +70,18 @@ impl Arrow {
         self.square += right * right;
     }
 
-    /// Adds `weight` times another of the same shape.
-    pub(super) fn add_weighted(&mut self, other: &Self, weight: f64) {
+    /// `weight` times these, and `motion`, which knows of no parameters.
+    pub(super) fn weighted_beside(mut self, weight: f64, motion: &Self) -> Self {
         let add = |a: &mut [f64], b: &[f64]| {
-            a.iter_mut().zip(b).for_each(|(a, b)| *a += weight * b);
+            a.iter_mut().zip(b).for_each(|(a, b)| *a = weight * *a + b);
         };
-        add(&mut self.band, &other.band);
-        add(self.border.as_mut_slice(), other.border.as_slice());
-        add(self.corner.as_mut_slice(), other.corner.as_slice());
-        add(&mut self.right, &other.right);
-        add(
-            self.corner_right.as_mut_slice(),
-            other.corner_right.as_slice(),
-        );
-        self.square += weight * other.square;
+        add(&mut self.band, &motion.band);
+        add(&mut self.right, &motion.right);
+        self.border *= weight;
+        self.corner *= weight;
+        self.corner_right *= weight;
+        self.square = weight * self.square + motion.square;
+        self
     }
 
     /// Eliminates the band; nothing when it is not positive definite.
@@ -123,10 +124,13 @@ impl Arrow {
             here.iter_mut().for_each(|value| *value /= diagonal);
             self.right[i] /= diagonal;
         }
-        let turned = self.border.transpose();
         let left = DVector::from_column_slice(&self.right);
-        self.corner -= &self.border * turned;
         self.corner_right -= &self.border * &left;
+        // Turned piece by piece: the border is most of the memory that this takes.
+        for first in (0..count).step_by(PIECE) {
+            let piece = self.border.columns(first, PIECE.min(count - first));
+            self.corner -= piece * piece.transpose();
+        }
         self.square -= left.norm_squared();
         Some(Eliminated {
             arrow: self,
