@@ -22,7 +22,7 @@ mod damage;
 mod record;
 
 use belief::{Belief, is_message_index};
-use chunk::LIMIT;
+use chunk::{LIMIT, Unpacker};
 pub(crate) use damage::UnknownChannels;
 pub use damage::{Damage, DamageKind};
 pub use record::{Attachment, Channel, RawMessage, Record, Schema};
@@ -43,6 +43,7 @@ pub struct RecordReader<R> {
     /// CRC-32 of everything read so far, as long as nothing was skipped.
     crc: Option<crc32fast::Hasher>,
     body: Vec<u8>,
+    unpacker: Unpacker,
     chunk: Vec<u8>,
     /// What is left of `chunk`.
     in_chunk: Range<usize>,
@@ -60,6 +61,41 @@ enum State {
     Records,
     EndMagic,
     Ended,
+}
+
+/// Records that were read in one go, but for attachments and indexes.
+#[derive(Debug, Default)]
+pub(crate) struct Batch {
+    bytes: Vec<u8>,
+    /// Opcode and place of each.
+    records: Vec<(u8, Range<usize>)>,
+}
+
+/// A batch is full when it has so many bytes.
+const BATCH: usize = 1 << 18;
+
+impl Batch {
+    /// Adds a record; false when it contradicts itself.
+    fn push(&mut self, opcode: u8, body: &[u8]) -> bool {
+        match Record::parse(opcode, body) {
+            None => return false,
+            Some(Record::Attachment(_) | Record::Other { .. }) => {}
+            Some(_) => {
+                let start = self.bytes.len();
+                self.bytes.extend_from_slice(body);
+                self.records.push((opcode, start..self.bytes.len()));
+            }
+        }
+        true
+    }
+
+    /// The records.
+    pub(crate) fn records(&self) -> impl Iterator<Item = Record<'_>> {
+        let record = |(opcode, place): &(u8, Range<usize>)| {
+            Record::parse(*opcode, self.bytes.get(place.clone())?)
+        };
+        self.records.iter().filter_map(record)
+    }
 }
 
 /// Where the body of the record at hand lies.
@@ -92,6 +128,7 @@ impl<R: Read + Seek> RecordReader<R> {
             position: 0,
             crc: Some(crc32fast::Hasher::new()),
             body: Vec::new(),
+            unpacker: Unpacker::default(),
             chunk: Vec::new(),
             in_chunk: 0..0,
             offset: 0,
@@ -140,6 +177,32 @@ impl<R: Read + Seek> RecordReader<R> {
             });
             Record::Unreadable { opcode }
         })))
+    }
+
+    /// Replaces `batch` by the next records; false behind the last one.
+    ///
+    /// # Errors
+    /// As [`RecordReader::next_record`].
+    pub(crate) fn next_batch(&mut self, batch: &mut Batch) -> Result<bool, ReadError> {
+        batch.bytes.clear();
+        batch.records.clear();
+        while batch.bytes.len() < BATCH {
+            let found = self.advance().map_err(|error| self.io_error(error))?;
+            let Some((opcode, place)) = found else {
+                break;
+            };
+            if !batch.push(opcode, self.body_at(place)) {
+                self.note(DamageKind::Unreadable { opcode });
+            }
+        }
+        Ok(!batch.records.is_empty())
+    }
+
+    fn body_at(&self, place: Place) -> &[u8] {
+        match place {
+            Place::Body => &self.body,
+            Place::Chunk(range) => self.chunk.get(range).unwrap_or_default(),
+        }
     }
 
     /// What is wrong with the part read so far.
@@ -192,10 +255,7 @@ impl<R: Read + Seek> RecordReader<R> {
             frame(rest).filter(|(_, length)| *length <= (rest.len() - 9) as u64)
         else {
             let opcode = rest.first().copied().unwrap_or(0);
-            self.damage.push(Damage {
-                offset: self.offset,
-                kind: DamageKind::Unreadable { opcode },
-            });
+            self.note(DamageKind::Unreadable { opcode });
             self.in_chunk = 0..0;
             return None;
         };

@@ -6,13 +6,15 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::thread::ScopedJoinHandle;
 
 use ft_wire::HostTime;
 use sha2::{Digest, Sha256};
 
 use crate::calibration::Calibration;
 pub use crate::error::ReadError;
-use crate::reader::RecordReader;
+use crate::reader::{Batch, Damage, RecordReader};
 
 mod fresh;
 mod loader;
@@ -112,25 +114,23 @@ impl Recording {
         map: &TopicMap,
         needs_pose: bool,
     ) -> Result<(Self, KnownFrames), ReadError> {
-        let read = || -> Result<_, ReadError> {
-            let mut reader = RecordReader::open(path)?;
-            let mut loader = Loader::new(map);
-            while let Some(record) = reader.next_record()? {
-                loader.take(record);
-            }
-            Ok((reader, loader))
-        };
-        let (sha256, read) = std::thread::scope(|threads| {
+        // A chunk's messages are sorted while the next one is unpacked and the file is hashed.
+        let (sha256, damage, loader) = std::thread::scope(|threads| {
+            let (unpacked, batches) = sync_channel(BATCHES_AHEAD);
+            let (used, spent) = channel();
             let sha256 = threads.spawn(|| sha256_of(path));
-            let read = read();
-            match sha256.join() {
-                Ok(sha256) => (sha256, read),
-                Err(panic) => std::panic::resume_unwind(panic),
+            let damage = threads.spawn(|| read_batches(path, unpacked, spent));
+            let mut loader = Loader::new(map);
+            for batch in batches {
+                batch.records().for_each(|record| loader.take(record));
+                // The reader may be done, and needs no room then.
+                let _ = used.send(batch);
             }
+            (joined(sha256), joined(damage), loader)
         });
-        let (sha256, (reader, loader)) = (sha256?, read?);
+        let (sha256, damage) = (sha256?, damage?);
         let frames = loader.known_frames();
-        let recording = loader.finish(path, sha256, reader.damage(), needs_pose)?;
+        let recording = loader.finish(path, sha256, &damage, needs_pose)?;
         Ok((recording, frames))
     }
 }
@@ -142,6 +142,30 @@ pub struct KnownFrames {
     pub aria_device_from_tcp: Option<Pose7>,
     /// Takes coordinates in `ft_sensor` to `tcp`.
     pub tcp_from_ft_sensor: Option<Pose7>,
+}
+
+/// Batches of records that wait to be sorted.
+const BATCHES_AHEAD: usize = 2;
+
+/// Reads a file's records into batches, in memory of `spent` ones where there is any, and gives what is wrong with the file.
+fn read_batches(
+    path: &Path,
+    unpacked: SyncSender<Batch>,
+    spent: Receiver<Batch>,
+) -> Result<Vec<Damage>, ReadError> {
+    let mut reader = RecordReader::open(path)?;
+    loop {
+        let mut batch = spent.try_recv().unwrap_or_default();
+        if !reader.next_batch(&mut batch)? || unpacked.send(batch).is_err() {
+            return Ok(reader.damage().to_vec());
+        }
+    }
+}
+
+fn joined<T>(thread: ScopedJoinHandle<'_, T>) -> T {
+    thread
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// SHA-256 of a file, 64 hex digits.

@@ -1,6 +1,9 @@
 //! Unpacking of chunks.
 
+use std::fmt;
 use std::io::{BufReader, Read};
+
+use zstd::zstd_safe::{DCtx, ResetDirective, get_error_name};
 
 /// No chunk may unpack to more, and no record may be longer: 1 GiB.
 pub(super) const LIMIT: u64 = 1 << 30;
@@ -16,23 +19,59 @@ pub(super) enum Unpacked {
     Unsupported,
 }
 
-/// Replaces `out` by what `packed` unpacks to, but for at most one byte more than `limit`. Never allocates by a length that
-/// a file claims.
-pub(super) fn unpack(compression: &str, packed: &[u8], limit: u64, out: &mut Vec<u8>) -> Unpacked {
-    out.clear();
-    let result = match compression {
-        "" => {
-            out.extend_from_slice(packed);
-            Ok(())
+/// Unpacks one chunk after the other.
+#[derive(Default)]
+pub(super) struct Unpacker {
+    zstd: DCtx<'static>,
+}
+
+impl fmt::Debug for Unpacker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Unpacker").finish_non_exhaustive()
+    }
+}
+
+impl Unpacker {
+    /// Replaces `out` by what `packed` unpacks to, but for at most one byte more than `limit`. Never allocates by a length that
+    /// a file claims.
+    pub(super) fn unpack(
+        &mut self,
+        compression: &str,
+        packed: &[u8],
+        limit: u64,
+        out: &mut Vec<u8>,
+    ) -> Unpacked {
+        out.clear();
+        let result = match compression {
+            "" => {
+                out.extend_from_slice(packed);
+                Ok(())
+            }
+            "zstd" => self.unpack_zstd(packed, limit, out),
+            "lz4" => unpack_lz4(packed, limit, out),
+            _ => return Unpacked::Unsupported,
+        };
+        match result {
+            Ok(()) if out.len() as u64 <= limit => Unpacked::Whole,
+            _ => Unpacked::Partly,
         }
-        "zstd" => zstd::stream::read::Decoder::with_buffer(packed)
-            .and_then(|decoder| read_all(decoder, limit, out)),
-        "lz4" => unpack_lz4(packed, limit, out),
-        _ => return Unpacked::Unsupported,
-    };
-    match result {
-        Ok(()) if out.len() as u64 <= limit => Unpacked::Whole,
-        _ => Unpacked::Partly,
+    }
+
+    fn unpack_zstd(&mut self, packed: &[u8], limit: u64, out: &mut Vec<u8>) -> std::io::Result<()> {
+        // In one go where the chunks before have made room; what cannot be unpacked so is unpacked as far as it goes.
+        if !packed.is_empty()
+            && out.capacity() as u64 >= limit
+            && let Ok(length) = self.zstd.decompress(out, packed)
+            && length as u64 <= limit
+        {
+            return Ok(());
+        }
+        out.clear();
+        self.zstd
+            .reset(ResetDirective::SessionOnly)
+            .map_err(|code| std::io::Error::other(get_error_name(code)))?;
+        let decoder = zstd::stream::read::Decoder::with_context(packed, &mut self.zstd);
+        read_all(decoder, limit, out)
     }
 }
 
@@ -71,8 +110,12 @@ mod tests {
         let packed = zstd::stream::encode_all(&vec![0; 1 << 20][..], 1).unwrap();
         assert!(packed.len() < 1000);
         let mut out = Vec::new();
-        assert_eq!(unpack("zstd", &packed, 5000, &mut out), Unpacked::Partly);
-        assert_eq!(out.len(), 5001);
+        let mut unpacker = Unpacker::default();
+        for _ in 0..2 {
+            let unpacked = unpacker.unpack("zstd", &packed, 5000, &mut out);
+            assert_eq!((unpacked, out.len()), (Unpacked::Partly, 5001));
+            out.reserve(1 << 21);
+        }
     }
 
     #[test]
@@ -84,10 +127,13 @@ mod tests {
         };
         let mut out = Vec::new();
         let packed = [frame(b"one "), frame(b"two")].concat();
-        assert_eq!(unpack("lz4", &packed, LIMIT, &mut out), Unpacked::Whole);
+        assert_eq!(
+            Unpacker::default().unpack("lz4", &packed, LIMIT, &mut out),
+            Unpacked::Whole
+        );
         assert_eq!(out, b"one two");
         assert_eq!(
-            unpack("lz4", &packed[..packed.len() - 6], LIMIT, &mut out),
+            Unpacker::default().unpack("lz4", &packed[..packed.len() - 6], LIMIT, &mut out),
             Unpacked::Partly
         );
     }
@@ -99,17 +145,23 @@ mod tests {
             .collect();
         let packed = zstd::stream::encode_all(&content[..], 1).unwrap();
         let mut out = Vec::new();
-        assert_eq!(
-            unpack("zstd", &packed[..packed.len() / 2], LIMIT, &mut out),
-            Unpacked::Partly
-        );
-        assert!(out.len() > content.len() / 3 && content.starts_with(&out));
+        let mut unpacker = Unpacker::default();
+        let limit = content.len() as u64;
+        for _ in 0..2 {
+            let unpacked = unpacker.unpack("zstd", &packed[..packed.len() / 2], limit, &mut out);
+            assert_eq!(unpacked, Unpacked::Partly);
+            assert!(out.len() > content.len() / 3 && content.starts_with(&out));
+            // With room for all of it, too, and for a whole chunk behind a cut one.
+            out.reserve(content.len());
+            let unpacked = unpacker.unpack("zstd", &packed, limit, &mut out);
+            assert_eq!((unpacked, &out), (Unpacked::Whole, &content));
+        }
     }
 
     #[test]
     fn another_compression_is_named_as_such() {
         assert_eq!(
-            unpack("brotli", b"", LIMIT, &mut Vec::new()),
+            Unpacker::default().unpack("brotli", b"", LIMIT, &mut Vec::new()),
             Unpacked::Unsupported
         );
     }

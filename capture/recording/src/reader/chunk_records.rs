@@ -2,7 +2,7 @@
 
 use std::io::{self, Read, Seek};
 
-use super::chunk::{LIMIT, Unpacked, unpack};
+use super::chunk::{LIMIT, Unpacked};
 use super::damage::DamageKind;
 use super::record::{CHUNK, ChunkHeader, MESSAGE, METADATA};
 use super::{FRAME, RecordReader, frame};
@@ -61,7 +61,7 @@ impl<R: Read + Seek> RecordReader<R> {
     /// Unpacks the chunk in `body`; its records are there to be read only when it is right.
     fn open_chunk(&mut self, header: &ChunkHeader) {
         let (saved, expected) = (header.uncompressed_crc, header.uncompressed_size);
-        let unpacked = unpack(
+        let unpacked = self.unpacker.unpack(
             &header.compression,
             packed(&self.body, header),
             expected,
@@ -100,7 +100,7 @@ impl<R: Read + Seek> RecordReader<R> {
         }
         self.seek_to(self.offset + FRAME)?;
         self.read_body(left.min(LIMIT))?;
-        unpack(
+        self.unpacker.unpack(
             &header.compression,
             packed(&self.body, header),
             LIMIT,

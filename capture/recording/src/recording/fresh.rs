@@ -32,6 +32,9 @@ const STILL_SPACING: f64 = 0.75;
 #[must_use]
 pub fn fresh<T: Clone + PartialEq>(samples: &[Stamped<T>]) -> Cow<'_, [Stamped<T>]> {
     let begins: Vec<usize> = steps(samples, |a, b| a.value == b.value).collect();
+    if begins.len() == samples.len() {
+        return Cow::Borrowed(samples);
+    }
     let mut periods: Vec<f64> = begins
         .windows(2)
         .filter_map(|pair| match pair {
@@ -39,11 +42,11 @@ pub fn fresh<T: Clone + PartialEq>(samples: &[Stamped<T>]) -> Cow<'_, [Stamped<T
             _ => None,
         })
         .collect();
-    periods.sort_unstable_by(f64::total_cmp);
-    let period = periods.get(periods.len() / 2).copied();
-    let Some(period) = period.filter(|_| begins.len() < samples.len()) else {
+    if periods.is_empty() {
         return Cow::Borrowed(samples);
-    };
+    }
+    let middle = periods.len() / 2;
+    let period = *periods.select_nth_unstable_by(middle, f64::total_cmp).1;
     let mut kept = Vec::with_capacity(begins.len());
     let mut place = 0;
     for stretch in samples.chunk_by(|a, b| a.value == b.value) {

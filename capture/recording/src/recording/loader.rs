@@ -70,6 +70,8 @@ impl Role {
 struct Route {
     topic: String,
     role: Role,
+    /// Of this channel alone.
+    health: TopicHealth,
 }
 
 pub(super) struct Loader<'a> {
@@ -165,17 +167,21 @@ impl<'a> Loader<'a> {
             self.foreign.push((role, channel, type_name));
             role = Role::Other;
         }
-        self.routes.insert(id, Route { topic, role });
+        let health = TopicHealth::default();
+        let route = Route {
+            topic,
+            role,
+            health,
+        };
+        self.routes.insert(id, route);
     }
 
     fn add_message(&mut self, message: RawMessage<'_>) {
-        let Some(route) = self.routes.get(&message.channel_id) else {
+        let Some(route) = self.routes.get_mut(&message.channel_id) else {
             self.unknown.add(message.channel_id);
             return;
         };
-        let Some(health) = self.topics.get_mut(&route.topic) else {
-            return;
-        };
+        let health = &mut route.health;
         health.messages += 1;
         let data = message.data;
         let decoded = match route.role {
@@ -236,6 +242,11 @@ impl<'a> Loader<'a> {
         damage: &[Damage],
         needs_pose: bool,
     ) -> Result<Recording, ReadError> {
+        for route in self.routes.values() {
+            if let Some(health) = self.topics.get_mut(&route.topic) {
+                health.add(&route.health);
+            }
+        }
         let truncated = describe_all(self.unknown.behind(damage).chain(self.recovered.clone()));
         self.check_map(path, truncated.as_ref())?;
         let wrench = self.settle(Role::Wrench, |loader| &mut loader.wrench);

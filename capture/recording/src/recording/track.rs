@@ -25,6 +25,18 @@ pub struct TopicHealth {
     pub undecodable: u64,
 }
 
+impl TopicHealth {
+    /// Adds what became of another channel's messages.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.messages += other.messages;
+        self.out_of_order += other.out_of_order;
+        self.duplicates += other.duplicates;
+        self.repeated_stamps += other.repeated_stamps;
+        self.non_finite += other.non_finite;
+        self.undecodable += other.undecodable;
+    }
+}
+
 /// What was left out of a recording, and what is wrong with the file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadHealth {
@@ -73,15 +85,12 @@ impl<T: PartialEq> Track<T> {
     pub(super) fn settle(self) -> Settled<T> {
         let Self { mut samples, .. } = self;
         samples.sort_by_key(|sample| sample.at);
-        let mut settled = Settled {
-            samples: Vec::new(),
-            duplicates: 0,
-            repeated_stamps: 0,
-        };
-        settled.samples.reserve_exact(samples.len());
-        for sample in samples {
-            let mut same_stamp = settled
-                .samples
+        let (mut kept, mut duplicates, mut repeated_stamps) = (0, 0, 0);
+        for next in 0..samples.len() {
+            let (before, rest) = samples.split_at(next);
+            let Some(sample) = rest.first() else { break };
+            let before = before.get(..kept).unwrap_or_default();
+            let mut same_stamp = before
                 .iter()
                 .rev()
                 .take_while(|kept| kept.at == sample.at)
@@ -89,13 +98,20 @@ impl<T: PartialEq> Track<T> {
                 .peekable();
             let repeated = same_stamp.peek().is_some();
             if same_stamp.any(|kept| kept.value == sample.value) {
-                settled.duplicates += 1;
+                duplicates += 1;
             } else {
-                settled.repeated_stamps += u64::from(repeated);
-                settled.samples.push(sample);
+                repeated_stamps += u64::from(repeated);
+                samples.swap(kept, next);
+                kept += 1;
             }
         }
-        settled
+        samples.truncate(kept);
+        samples.shrink_to_fit();
+        Settled {
+            samples,
+            duplicates,
+            repeated_stamps,
+        }
     }
 }
 
