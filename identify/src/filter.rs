@@ -8,7 +8,10 @@ mod difference;
 
 pub use difference::{central_difference, first_derivative, second_derivative};
 
+use core::array::from_fn;
 use core::f64::consts::PI;
+
+use crate::products::in_vectors;
 
 /// Why a filter could not be made or run.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -48,10 +51,11 @@ struct Section {
 }
 
 impl Section {
-    fn running(self, state: [f64; 2]) -> Running {
+    /// In the state that a constant input of `level` leaves.
+    fn running<const N: usize>(self, level: [f64; N]) -> Running<N> {
         Running {
             section: self,
-            state,
+            state: self.steady_state().map(|state| level.map(|l| state * l)),
         }
     }
 
@@ -68,20 +72,47 @@ impl Section {
     }
 }
 
-/// A section with the state that it carries along, in the direct form II transposed.
-struct Running {
+/// A section with the states that it carries along for series side by side, in the direct form II transposed.
+struct Running<const N: usize> {
     section: Section,
-    state: [f64; 2],
+    state: [[f64; N]; 2],
 }
 
-impl Running {
+impl<const N: usize> Running<N> {
     #[inline(always)]
-    fn next(&mut self, input: f64) -> f64 {
+    fn next(&mut self, input: [f64; N]) -> [f64; N] {
         let ([b0, b1, b2], [_, a1, a2]) = (self.section.b, self.section.a);
         let [s0, s1] = self.state;
-        let output = b0 * input + s0;
-        self.state = [b1 * input - a1 * output + s1, b2 * input - a2 * output];
+        let output: [f64; N] = from_fn(|k| b0 * input[k] + s0[k]);
+        self.state = [
+            from_fn(|k| b1 * input[k] - a1 * output[k] + s1[k]),
+            from_fn(|k| b2 * input[k] - a2 * output[k]),
+        ];
         output
+    }
+}
+
+/// Which end of a series a filter begins at.
+#[derive(Clone, Copy)]
+enum Way {
+    Forward,
+    Backward,
+}
+
+impl Way {
+    fn first<T>(self, series: &[T]) -> Option<&T> {
+        match self {
+            Self::Forward => series.first(),
+            Self::Backward => series.last(),
+        }
+    }
+
+    #[inline(always)]
+    fn each<T>(self, series: &mut [T], f: impl FnMut(&mut T)) {
+        match self {
+            Self::Forward => series.iter_mut().for_each(f),
+            Self::Backward => series.iter_mut().rev().for_each(f),
+        }
     }
 }
 
@@ -195,7 +226,7 @@ impl LowPass {
     /// # Errors
     /// [`FilterError::TooShort`].
     pub fn zero_phase(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
-        self.zero_phase_extended(series, self.edge_samples())
+        self.alone(series, self.edge_samples())
     }
 
     /// As [`LowPass::zero_phase`], with each end extended by three times the order, as MATLAB's `filtfilt` does.
@@ -203,7 +234,7 @@ impl LowPass {
     /// # Errors
     /// [`FilterError::TooShort`].
     pub fn zero_phase_matlab(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
-        self.zero_phase_extended(series, self.edge_samples() - 3)
+        self.alone(series, self.edge_samples() - 3)
     }
 
     /// As [`LowPass::zero_phase`], with each end extended by three periods of the cut-off (or all there is), so that
@@ -212,14 +243,38 @@ impl LowPass {
     /// # Errors
     /// [`FilterError::TooShort`].
     pub fn zero_phase_settled(&self, series: &[f64]) -> Result<Vec<f64>, FilterError> {
-        let pad = ((3.0 / self.cutoff) as usize).clamp(
-            self.edge_samples(),
-            series.len().max(self.edge_samples() + 1) - 1,
-        );
-        self.zero_phase_extended(series, pad)
+        self.alone(series, self.settling(series.len()))
     }
 
-    fn zero_phase_extended(&self, series: &[f64], pad: usize) -> Result<Vec<f64>, FilterError> {
+    /// As [`LowPass::zero_phase_settled`], of several series side by side: a filter waits for its own last output, and
+    /// several take hardly longer than one.
+    ///
+    /// # Errors
+    /// [`FilterError::TooShort`].
+    pub fn zero_phase_settled_each<const N: usize>(
+        &self,
+        series: &[[f64; N]],
+    ) -> Result<Vec<[f64; N]>, FilterError> {
+        self.zero_phase_extended(series, self.settling(series.len()))
+    }
+
+    /// Samples of edge extension that let the filter settle.
+    fn settling(&self, count: usize) -> usize {
+        let least = self.edge_samples();
+        ((3.0 / self.cutoff) as usize).clamp(least, count.max(least + 1) - 1)
+    }
+
+    fn alone(&self, series: &[f64], pad: usize) -> Result<Vec<f64>, FilterError> {
+        let (series, _) = series.as_chunks::<1>();
+        self.zero_phase_extended(series, pad)
+            .map(Vec::into_flattened)
+    }
+
+    fn zero_phase_extended<const N: usize>(
+        &self,
+        series: &[[f64; N]],
+        pad: usize,
+    ) -> Result<Vec<[f64; N]>, FilterError> {
         let count = series.len();
         if count <= pad {
             return Err(FilterError::TooShort {
@@ -227,40 +282,44 @@ impl LowPass {
                 needed: pad,
             });
         }
-        let (first, last) = (series[0], series[count - 1]);
+        let beyond =
+            |end: usize, i: usize| -> [f64; N] { from_fn(|k| 2.0 * series[end][k] - series[i][k]) };
+        let last = count - 1;
         let mut extended = Vec::with_capacity(count + 2 * pad);
-        extended.extend((1..=pad).rev().map(|i| 2.0 * first - series[i]));
+        extended.extend((1..=pad).rev().map(|i| beyond(0, i)));
         extended.extend_from_slice(series);
-        extended.extend((1..=pad).map(|i| 2.0 * last - series[count - 1 - i]));
-        self.run_once(&mut extended);
-        extended.reverse();
-        self.run_once(&mut extended);
-        extended.reverse();
+        extended.extend((1..=pad).map(|i| beyond(last, last - i)));
+        self.run_once(&mut extended, Way::Forward);
+        self.run_once(&mut extended, Way::Backward);
         extended.truncate(count + pad);
         extended.drain(..pad);
         Ok(extended)
     }
 
-    fn run_once(&self, series: &mut [f64]) {
-        let mut level = series.first().copied().unwrap_or(0.0);
+    fn run_once<const N: usize>(&self, series: &mut [[f64; N]], way: Way) {
+        in_vectors(
+            #[inline(always)]
+            || self.run_inline(series, way),
+        );
+    }
+
+    #[inline(always)]
+    fn run_inline<const N: usize>(&self, series: &mut [[f64; N]], way: Way) {
+        let mut level = way.first(series).copied().unwrap_or([0.0; N]);
         let mut start = |section: &Section| {
-            let start = section.steady_state().map(|s| s * level);
-            level *= section.dc_gain();
+            let start = section.running(level);
+            level = level.map(|l| l * section.dc_gain());
             start
         };
         // A section waits for its own last output only: two together take as long as one.
         let (pairs, last) = self.sections.as_chunks::<2>();
         for [first, second] in pairs {
-            let (mut one, mut other) = (first.running(start(first)), second.running(start(second)));
-            for value in series.iter_mut() {
-                *value = other.next(one.next(*value));
-            }
+            let (mut one, mut other) = (start(first), start(second));
+            way.each(series, |value| *value = other.next(one.next(*value)));
         }
         for section in last {
-            let mut one = section.running(start(section));
-            for value in series.iter_mut() {
-                *value = one.next(*value);
-            }
+            let mut one = start(section);
+            way.each(series, |value| *value = one.next(*value));
         }
     }
 

@@ -28,6 +28,7 @@ use nalgebra::DMatrix;
 use crate::effect::slip::{self, jumps};
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
 use crate::noise;
+use crate::parallel::in_parallel;
 use crate::samples::{JointSamples, quantile};
 use crate::screw::JointKind;
 
@@ -531,41 +532,48 @@ impl Work {
 
     fn append(&mut self, samples: &JointSamples, run: Range<usize>) -> Result<(), FilterError> {
         let factor = self.factor;
-        let reduce = |series: &[f64]| -> Result<Vec<f64>, FilterError> {
-            if factor == 1 {
-                return Ok(series.to_vec());
-            }
-            // Flat to a tenth of the work rate, and the same for every series, so it cancels in the fit.
-            let filter = LowPass::butterworth(4, 0.3 * self.rate / factor as f64, self.rate)?;
-            Ok(filter
-                .zero_phase_settled(series)?
-                .into_iter()
-                .step_by(factor)
-                .collect())
-        };
+        let aside = &samples.aside;
+        let more = samples.noise_of_q.iter();
+        let more = more.chain(&aside.across).chain(&aside.beside);
+        let from: Vec<&[f64]> = [&samples.q, &samples.tau]
+            .into_iter()
+            .chain(more)
+            .map(|series| &series[run.clone()])
+            .collect();
         let start = self.time.len();
-        let q = reduce(&samples.q[run.clone()])?;
-        let tau = reduce(&samples.tau[run.clone()])?;
-        let reduced = |all: &[Vec<f64>]| -> Result<Vec<Vec<f64>>, FilterError> {
-            all.iter()
-                .map(|series| reduce(&series[run.clone()]))
-                .collect()
-        };
-        let noise = reduced(&samples.noise_of_q)?;
-        let across = reduced(&samples.aside.across)?;
-        self.time
-            .extend(samples.time[run.clone()].iter().step_by(factor));
-        self.q.extend(q);
-        self.tau.extend(tau);
-        let beside = reduced(&samples.aside.beside)?;
-        let all = self.noise.iter_mut().chain(&mut self.across);
-        let new = noise.into_iter().chain(across).chain(beside);
-        for (all, new) in all.chain(&mut self.beside).zip(new) {
+        let times = samples.time[run.clone()].iter();
+        self.time.extend(times.step_by(factor));
+        let more = self.noise.iter_mut();
+        let more = more.chain(&mut self.across).chain(&mut self.beside);
+        let to: Vec<&mut Vec<f64>> = [&mut self.q, &mut self.tau]
+            .into_iter()
+            .chain(more)
+            .collect();
+        for (all, new) in to.into_iter().zip(reduced(&from, factor, self.rate)?) {
             all.extend(new);
         }
         self.runs.push(start..self.time.len());
         Ok(())
     }
+}
+
+/// Series through the anti-alias filter, every `factor`-th sample.
+fn reduced(series: &[&[f64]], factor: usize, rate: f64) -> Result<Vec<Vec<f64>>, FilterError> {
+    if factor == 1 {
+        return Ok(series.iter().map(|one| one.to_vec()).collect());
+    }
+    // Flat to a tenth of the work rate, and the same for every series, so it cancels in the fit.
+    let filter = LowPass::butterworth(4, 0.3 * rate / factor as f64, rate)?;
+    let groups: Vec<&[&[f64]]> = series.chunks(4).collect();
+    let reduced = in_parallel(&groups, |group| -> Result<Vec<Vec<f64>>, FilterError> {
+        let at = |i: usize| core::array::from_fn(|k| group.get(k).map_or(0.0, |one| one[i]));
+        let together: Vec<[f64; 4]> = (0..group[0].len()).map(at).collect();
+        let smooth = filter.zero_phase_settled_each(&together)?;
+        let of = |k: usize| smooth.iter().step_by(factor).map(|one| one[k]).collect();
+        Ok((0..group.len()).map(of).collect())
+    });
+    let reduced: Result<Vec<_>, _> = reduced.into_iter().collect();
+    Ok(reduced?.into_iter().flatten().collect())
 }
 
 pub(crate) fn by_run(

@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::filter::FilterError;
 use crate::tool::{ToolKinematics, ToolSamples};
-use rows::Rows;
+use rows::FreeAir;
 
 /// Why the tool's own wrench cannot be taken off.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -154,11 +154,12 @@ impl Payload {
             })?;
             return Ok(Self::calibrated(calibration));
         }
+        let free_air = FreeAir::of(tool, kinematics, before)?;
         let weighed = |start: Option<&Self>, of: Self| -> Result<Self, PayloadError> {
             let mut payload = of;
             let mut noise = [0.1, 0.005];
             for _ in 0..4 {
-                let rows = Rows::gather(tool, kinematics, before, &payload)?;
+                let rows = free_air.rows(&payload)?;
                 (payload, noise) = rows.fit(&payload, start, noise);
             }
             Ok(payload)
@@ -275,7 +276,16 @@ impl Payload {
         kinematics: &ToolKinematics,
         i: usize,
     ) -> [Vector3<f64>; 2] {
-        let own = self.own(kinematics, i);
+        self.contact_beside(&self.own(kinematics, i), tool, i)
+    }
+
+    /// As [`Payload::contact`]; `own` = [`Payload::own`] at that sample.
+    pub(crate) fn contact_beside(
+        &self,
+        own: &[Vector3<f64>; 2],
+        tool: &ToolSamples,
+        i: usize,
+    ) -> [Vector3<f64>; 2] {
         let bias = self.bias_at(tool.time[i]);
         let w = &tool.wrench[i];
         [
@@ -357,7 +367,7 @@ impl Payload {
         kinematics: &ToolKinematics,
         after: &[Range<usize>],
     ) -> Result<(), PayloadError> {
-        let rows = Rows::gather(tool, kinematics, after, self)?;
+        let rows = FreeAir::of(tool, kinematics, after)?.rows(self)?;
         let (mean, std) = rows.mean_residual(self);
         let Some(seen) = self.bias_at_s else {
             return Ok(());

@@ -163,3 +163,20 @@ fn impossible_filters_are_refused() {
         })
     );
 }
+
+#[test]
+fn series_side_by_side_are_filtered_as_each_alone() {
+    let series: Vec<[f64; 3]> = (0..500)
+        .map(f64::from)
+        .map(|i| [(0.05 * i).sin(), 0.01 * i, (0.9 * i).cos() - 3.0])
+        .collect();
+    for order in [3, 4, 7] {
+        let filter = LowPass::butterworth(order, 4.0, 100.0).unwrap();
+        let together = filter.zero_phase_settled_each(&series).unwrap();
+        for k in 0..3 {
+            let alone: Vec<f64> = series.iter().map(|values| values[k]).collect();
+            let alone = filter.zero_phase_settled(&alone).unwrap();
+            assert!(together.iter().map(|values| values[k]).eq(alone));
+        }
+    }
+}

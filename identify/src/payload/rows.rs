@@ -14,62 +14,92 @@ const CUTOFF_HZ: f64 = 8.0;
 type Normal = SMatrix<f64, 10, 10>;
 type Parameters = SVector<f64, 10>;
 
-/// Filtered rows of the linear model: force rows and torque rows apart.
-pub(super) struct Rows {
-    blocks: [Vec<(SVector<f64, 10>, f64)>; 2],
+/// Parameters and target of a row.
+type Row = (Parameters, f64);
+
+/// Free air, its rows filtered but for what the tool's inertia adds to the torque.
+pub(super) struct FreeAir<'a> {
+    kinematics: &'a ToolKinematics,
+    filter: LowPass,
+    step: usize,
+    runs: Vec<Range<usize>>,
+    /// Force and torque.
+    blocks: [Vec<Row>; 2],
 }
 
-impl Rows {
-    pub(super) fn gather(
+/// Filtered rows of the linear model: force rows and torque rows apart.
+pub(super) struct Rows {
+    blocks: [Vec<Row>; 2],
+}
+
+impl<'a> FreeAir<'a> {
+    pub(super) fn of(
         tool: &ToolSamples,
-        kinematics: &ToolKinematics,
+        kinematics: &'a ToolKinematics,
         runs: &[Range<usize>],
-        payload: &Payload,
     ) -> Result<Self, FilterError> {
         let rate_hz = 1.0 / tool.period;
         let filter = LowPass::butterworth(4, CUTOFF_HZ.min(0.15 * rate_hz), rate_hz)?;
         let step = ((rate_hz / (4.0 * CUTOFF_HZ)) as usize).max(1);
-        let inertia = payload.inertia_at_origin();
-        let mut blocks = [Vec::new(), Vec::new()];
-        for run in runs
-            .iter()
+        let runs = runs.iter().cloned();
+        let runs: Vec<_> = runs
             .filter(|run| run.len() > 2 * filter.edge_samples())
-        {
+            .collect();
+        let mut blocks = [Vec::new(), Vec::new()];
+        for run in &runs {
             let models: Vec<[SMatrix<f64, 3, 4>; 2]> =
                 run.clone().map(|i| model(kinematics, i)).collect();
             for axis in 0..6 {
                 let (part, k) = (axis / 3, axis % 3);
-                let mut columns = Vec::with_capacity(4);
-                for j in 0..4 {
-                    let series: Vec<f64> = models.iter().map(|m| m[part][(k, j)]).collect();
-                    columns.push(filter.zero_phase_settled(&series)?);
-                }
-                let target: Vec<f64> = run
-                    .clone()
-                    .map(|i| {
-                        let (w, dw) = (kinematics.rate[i], kinematics.angular[i]);
-                        let known = if part == 1 {
-                            -(inertia * dw) - w.cross(&(inertia * w))
-                        } else {
-                            Vector3::zeros()
-                        };
-                        tool.wrench[i][axis] - known[k]
-                    })
+                let measured = tool.wrench[run.clone()].iter().map(|wrench| wrench[axis]);
+                let series: Vec<[f64; 5]> = models
+                    .iter()
+                    .map(|model| &model[part])
+                    .zip(measured)
+                    .map(|(m, measured)| [m[(k, 0)], m[(k, 1)], m[(k, 2)], m[(k, 3)], measured])
                     .collect();
-                let target = filter.zero_phase_settled(&target)?;
-                for i in (0..run.len()).step_by(step) {
-                    let mut row = SVector::<f64, 10>::zeros();
-                    for (j, column) in columns.iter().enumerate() {
-                        row[j] = column[i];
-                    }
+                let filtered = filter.zero_phase_settled_each(&series)?;
+                for [columns @ .., target] in filtered.iter().step_by(step) {
+                    let mut row = Parameters::zeros();
+                    row.fixed_rows_mut::<4>(0).copy_from_slice(columns);
                     row[4 + axis] = 1.0;
-                    blocks[part].push((row, target[i]));
+                    blocks[part].push((row, *target));
                 }
             }
         }
-        Ok(Self { blocks })
+        Ok(Self {
+            kinematics,
+            filter,
+            step,
+            runs,
+            blocks,
+        })
     }
 
+    /// The rows, with the inertia of `payload` known.
+    pub(super) fn rows(&self, payload: &Payload) -> Result<Rows, FilterError> {
+        let inertia = payload.inertia_at_origin();
+        let mut blocks = self.blocks.clone();
+        let mut torque_rows = blocks[1].iter_mut();
+        for run in &self.runs {
+            let known = |i: usize| -> [f64; 3] {
+                let (w, dw) = (self.kinematics.rate[i], self.kinematics.angular[i]);
+                (-(inertia * dw) - w.cross(&(inertia * w))).into()
+            };
+            let known: Vec<[f64; 3]> = run.clone().map(known).collect();
+            let known = self.filter.zero_phase_settled_each(&known)?;
+            for k in 0..3 {
+                let known = known.iter().step_by(self.step);
+                for (known, (_, target)) in known.zip(&mut torque_rows) {
+                    *target -= known[k];
+                }
+            }
+        }
+        Ok(Rows { blocks })
+    }
+}
+
+impl Rows {
     pub(super) fn fit(
         &self,
         before: &Payload,

@@ -49,9 +49,9 @@ impl ToolKinematics {
         };
         for run in &tool.runs {
             let rotations = &out.rotation[run.clone()];
-            let origin: Vec<Vector3<f64>> = run
+            let origin: Vec<[f64; 3]> = run
                 .clone()
-                .map(|i| tool.position[i].coords + tool.rotation[i] * arm)
+                .map(|i| (tool.position[i].coords + tool.rotation[i] * arm).into())
                 .collect();
             if run.len() <= filter.edge_samples() + 4 {
                 let still = rotations
@@ -64,14 +64,10 @@ impl ToolKinematics {
                 continue;
             }
             let smooth = smoothed(rotations, &filter)?;
-            let acceleration = per_axis(&origin, |x| {
-                Ok(second_derivative(
-                    &filter.zero_phase_settled(x)?,
-                    tool.period,
-                ))
-            })?;
+            let origin = filter.zero_phase_settled_each(&origin)?;
+            let acceleration = per_axis(&origin, |x| second_derivative(x, tool.period));
             let rate = body_rates(&smooth, tool.period);
-            let angular = per_axis(&rate, |x| Ok(first_derivative(x, tool.period)))?;
+            let angular = per_axis(&rate, |x| first_derivative(x, tool.period));
             let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
             out.specific.extend(
                 acceleration
@@ -86,15 +82,15 @@ impl ToolKinematics {
     }
 }
 
-fn per_axis(
-    series: &[Vector3<f64>],
-    f: impl Fn(&[f64]) -> Result<Vec<f64>, FilterError>,
-) -> Result<Vec<Vector3<f64>>, FilterError> {
+fn per_axis<V: core::ops::Index<usize, Output = f64>>(
+    series: &[V],
+    f: impl Fn(&[f64]) -> Vec<f64>,
+) -> Vec<Vector3<f64>> {
     let axis = |k: usize| f(&series.iter().map(|v| v[k]).collect::<Vec<_>>());
-    let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
-    Ok((0..series.len())
+    let (x, y, z) = (axis(0), axis(1), axis(2));
+    (0..series.len())
         .map(|i| Vector3::new(x[i], y[i], z[i]))
-        .collect())
+        .collect()
 }
 
 /// Rotations through the filter, component by component and brought back to length 1.
@@ -102,32 +98,22 @@ fn smoothed(
     rotations: &[UnitQuaternion<f64>],
     filter: &LowPass,
 ) -> Result<Vec<UnitQuaternion<f64>>, FilterError> {
-    let mut components: [Vec<f64>; 4] =
-        core::array::from_fn(|_| Vec::with_capacity(rotations.len()));
     let mut last = rotations
         .first()
         .map_or(Quaternion::identity(), |r| r.into_inner());
-    for rotation in rotations {
-        let q = if rotation.coords.dot(&last.coords) < 0.0 {
-            -rotation.into_inner()
+    let on_one_side = |rotation: &UnitQuaternion<f64>| -> [f64; 4] {
+        let q = rotation.into_inner();
+        last = if q.coords.dot(&last.coords) < 0.0 {
+            -q
         } else {
-            rotation.into_inner()
+            q
         };
-        for (k, component) in components.iter_mut().enumerate() {
-            component.push(q.coords[k]);
-        }
-        last = q;
-    }
-    let [x, y, z, w] = components;
-    let (x, y, z, w) = (
-        filter.zero_phase_settled(&x)?,
-        filter.zero_phase_settled(&y)?,
-        filter.zero_phase_settled(&z)?,
-        filter.zero_phase_settled(&w)?,
-    );
-    Ok((0..rotations.len())
-        .map(|i| UnitQuaternion::from_quaternion(Quaternion::new(w[i], x[i], y[i], z[i])))
-        .collect())
+        last.coords.into()
+    };
+    let components: Vec<[f64; 4]> = rotations.iter().map(on_one_side).collect();
+    let smooth = filter.zero_phase_settled_each(&components)?;
+    let rotation = |q: [f64; 4]| UnitQuaternion::from_quaternion(Quaternion::from(q));
+    Ok(smooth.into_iter().map(rotation).collect())
 }
 
 /// Angular rate in body axes, from each sample's four neighbours, fourth order as the accelerations; from two near the ends.
