@@ -12,6 +12,7 @@ use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::MotionError;
 use crate::noise::acceleration_noise;
+use crate::parallel::{both, in_parallel};
 use crate::payload::{Payload, Since, sensor_origin};
 use crate::samples::{Aside, Change, JointSamples, Lean, opening_sign};
 use crate::screw::{JointKind, PoseSamples, ScrewAxis, angles, perpendiculars};
@@ -151,32 +152,25 @@ pub fn joint_effort(
     let origin = coordinate.q.first().copied().unwrap_or(0.0);
     let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
     // Every held position, taken back to q = 0.
-    let taken_back = path.iter().zip(&q).map(|(p, q)| axis.motion(-q) * p);
-    let tool_position =
-        taken_back.map(|p| p.coords).sum::<Vector3<f64>>() / path.len().max(1) as f64;
-    let mut tau = [vec![f64::NAN; q.len()], Vec::new()];
-    let mut across = Vec::new();
-    let mut nonwork = NonWork {
-        force_rms_n: f64::NAN,
-        moment_rms_nm: f64::NAN,
-        contact_rms_n: f64::NAN,
-    };
-    if let Some(payload) = payload {
-        (tau, across, nonwork) = work(tool, kinematics, &index, payload, &axis);
-    }
-    let [tau, own] = tau;
+    let places: Vec<(&Point3<f64>, &f64)> = path.iter().zip(&q).collect();
+    let taken_back = in_parallel(&places, |(p, q)| (axis.motion(-*q) * *p).coords);
+    let tool_position = taken_back.into_iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
+    let work = payload.map_or_else(
+        || Work::unknown(q.len()),
+        |payload| Work::of(tool, kinematics, &index, payload, &axis),
+    );
     let samples = JointSamples {
         kind: axis.kind,
         period: tool.period,
         runs,
         time: index.iter().map(|&i| tool.time[i]).collect(),
         q,
-        tau,
+        tau: work.tau,
         noise_of_q: coordinate.noise,
         aside: Aside {
-            across,
-            tool: own,
-            tool_inertia: payload.map_or(0.0, |payload| tool_inertia(tool, &index, payload, &axis)),
+            across: work.across,
+            tool: work.own,
+            tool_inertia: work.tool_inertia,
             lean: lean(&axis, tool_position, joint.direction_std),
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
@@ -190,19 +184,9 @@ pub fn joint_effort(
         axis,
         tool_position: tool_position.into(),
         path,
-        nonwork,
+        nonwork: work.nonwork,
         acceleration_noise: coordinate.acceleration,
     })
-}
-
-/// Mean inertia of the tool about the joint, its mass taken as a point: kg m^2 or kg.
-fn tool_inertia(tool: &ToolSamples, index: &[usize], payload: &Payload, axis: &ScrewAxis) -> f64 {
-    let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
-    let ways = index
-        .iter()
-        .map(|&i| axis.velocity_at(&(tool.position[i] + tool.rotation[i] * com.coords)));
-    let squares: f64 = ways.map(|way| way.norm_squared()).sum();
-    payload.mass_kg * squares / index.len().max(1) as f64
 }
 
 /// How far an upright hinge leans; nothing when it may as well be upright.
@@ -230,52 +214,104 @@ fn off_upright(axis: &ScrewAxis) -> f64 {
 const LEAST_LEAN: f64 = 0.008;
 const MOST_LEAN: f64 = 0.15;
 
-/// Effort of each sample and what was taken off for the tool to get it, the forces across the axis, and what does no work.
-fn work(
-    tool: &ToolSamples,
-    kinematics: &ToolKinematics,
-    index: &[usize],
-    payload: &Payload,
-    axis: &ScrewAxis,
-) -> ([Vec<f64>; 2], Vec<Vec<f64>>, NonWork) {
-    let direction = axis.direction.into_inner();
-    let mut tau = [(); 2].map(|()| Vec::with_capacity(index.len()));
-    let (first, second) = perpendiculars(&axis.direction);
-    let mut sides = vec![Vec::new(); 2];
-    let (mut across, mut moments, mut contact) = (Vec::new(), Vec::new(), Vec::new());
-    for &i in index {
-        let tcp = tool.position[i];
-        let along = axis.velocity_at(&tcp);
-        let arm = sensor_origin(tool, i) - tcp;
-        // Force and torque about the tool's point, on the object, and what of them turns the axis.
-        let on_object = |wrench: [Vector3<f64>; 2]| {
-            let [force, torque] = wrench.map(|v| -(kinematics.rotation[i] * v));
-            let at_tcp = torque + arm.cross(&force);
-            let turning = if axis.kind == JointKind::Revolute {
-                direction.dot(&at_tcp)
-            } else {
-                0.0
-            };
-            (force, at_tcp, turning)
-        };
-        let (force, at_tcp, turning) = on_object(payload.contact(tool, kinematics, i));
-        tau[0].push(turning + along.dot(&force));
-        for (side, direction) in sides.iter_mut().zip([first, second]) {
-            side.push(direction.dot(&force));
+/// What the tool does at the joint.
+struct Work {
+    /// Effort of each sample.
+    tau: Vec<f64>,
+    /// What was taken off for the tool to get it.
+    own: Vec<f64>,
+    /// Force along the two perpendiculars of the axis.
+    across: Vec<Vec<f64>>,
+    nonwork: NonWork,
+    /// Mean inertia of the tool about the joint, its mass taken as a point: kg m^2 or kg.
+    tool_inertia: f64,
+}
+
+/// [`Work`] at one sample, and the size of what does none.
+struct AtSample {
+    tau: f64,
+    own: f64,
+    across: [f64; 2],
+    force: f64,
+    moment: f64,
+    contact: f64,
+    /// Square of the way that the tool's centre of mass goes per unit of the coordinate.
+    way: f64,
+}
+
+impl Work {
+    fn unknown(samples: usize) -> Self {
+        Self {
+            tau: vec![f64::NAN; samples],
+            own: Vec::new(),
+            across: Vec::new(),
+            nonwork: NonWork {
+                force_rms_n: f64::NAN,
+                moment_rms_nm: f64::NAN,
+                contact_rms_n: f64::NAN,
+            },
+            tool_inertia: 0.0,
         }
-        let (own, _, own_turning) = on_object(payload.own(kinematics, i));
-        tau[1].push(own_turning + along.dot(&own));
-        let unit = along.normalize();
-        across.push((force - unit * unit.dot(&force)).norm());
-        moments.push((at_tcp - direction * turning).norm());
-        contact.push(force.norm());
     }
-    let nonwork = NonWork {
-        force_rms_n: rms(&across),
-        moment_rms_nm: rms(&moments),
-        contact_rms_n: rms(&contact),
-    };
-    (tau, sides, nonwork)
+
+    fn of(
+        tool: &ToolSamples,
+        kinematics: &ToolKinematics,
+        index: &[usize],
+        payload: &Payload,
+        axis: &ScrewAxis,
+    ) -> Self {
+        let direction = axis.direction.into_inner();
+        let (first, second) = perpendiculars(&axis.direction);
+        let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
+        let samples = in_parallel(index, |&i| {
+            let tcp = tool.position[i];
+            let along = axis.velocity_at(&tcp);
+            let arm = sensor_origin(tool, i) - tcp;
+            // Force and torque about the tool's point, on the object, and what of them turns the axis.
+            let on_object = |wrench: [Vector3<f64>; 2]| {
+                let [force, torque] = wrench.map(|v| -(kinematics.rotation[i] * v));
+                let at_tcp = torque + arm.cross(&force);
+                let turning = if axis.kind == JointKind::Revolute {
+                    direction.dot(&at_tcp)
+                } else {
+                    0.0
+                };
+                (force, at_tcp, turning)
+            };
+            let own = payload.own(kinematics, i);
+            let contact = payload.contact_beside(&own, tool, i);
+            let (force, at_tcp, turning) = on_object(contact);
+            let (own, _, own_turning) = on_object(own);
+            let unit = along.normalize();
+            let way = axis.velocity_at(&(tcp + tool.rotation[i] * com.coords));
+            AtSample {
+                tau: turning + along.dot(&force),
+                own: own_turning + along.dot(&own),
+                across: [first.dot(&force), second.dot(&force)],
+                force: (force - unit * unit.dot(&force)).norm(),
+                moment: (at_tcp - direction * turning).norm(),
+                contact: force.norm(),
+                way: way.norm_squared(),
+            }
+        });
+        let series = |value: fn(&AtSample) -> f64| samples.iter().map(value).collect::<Vec<f64>>();
+        let ways: f64 = samples.iter().map(|sample| sample.way).sum();
+        Self {
+            tau: series(|sample| sample.tau),
+            own: series(|sample| sample.own),
+            across: vec![
+                series(|sample| sample.across[0]),
+                series(|sample| sample.across[1]),
+            ],
+            nonwork: NonWork {
+                force_rms_n: rms(&series(|sample| sample.force)),
+                moment_rms_nm: rms(&series(|sample| sample.moment)),
+                contact_rms_n: rms(&series(|sample| sample.contact)),
+            },
+            tool_inertia: payload.mass_kg * ways / index.len().max(1) as f64,
+        }
+    }
 }
 
 struct Coordinate {
@@ -319,16 +355,20 @@ impl Coordinate {
         }
         let radius = axis.distance(&joint.tool_position).max(1e-3);
         let height = direction.dot(&(joint.tool_position - axis.point));
-        let by_position = angles(path, axis);
-        let position_noise: Vec<Vec<f64>> = vec![
-            path.iter()
-                .map(|p| (direction.dot(&(p - axis.point)) - height) / radius)
-                .collect(),
-            path.iter()
-                .map(|p| (axis.distance(p) - radius) / radius)
-                .collect(),
-        ];
-        let from_position = mean_noise(&position_noise, runs, tool.period, cutoff_hz)?;
+        let noise = || -> Result<_, MotionError> {
+            let across: Vec<Vec<f64>> = vec![
+                path.iter()
+                    .map(|p| (direction.dot(&(p - axis.point)) - height) / radius)
+                    .collect(),
+                path.iter()
+                    .map(|p| (axis.distance(p) - radius) / radius)
+                    .collect(),
+            ];
+            let size = mean_noise(&across, runs, tool.period, cutoff_hz)?;
+            Ok((across, size))
+        };
+        let (noise, by_position) = both(noise, || angles(path, axis));
+        let (position_noise, from_position) = noise?;
         if !joint.uses_rotations {
             return Ok(Self {
                 q: by_position,
@@ -342,18 +382,15 @@ impl Coordinate {
         let start = path
             .first()
             .map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
-        let mut by_rotation = Vec::with_capacity(path.len());
-        let mut tilts = vec![
-            Vec::with_capacity(path.len()),
-            Vec::with_capacity(path.len()),
-        ];
-        for (&i, q) in index.iter().zip(&by_position) {
+        let samples: Vec<(usize, f64)> = index.iter().copied().zip(by_position.clone()).collect();
+        let rests = in_parallel(&samples, |(i, q)| {
             let expected = axis.motion(start + q).rotation * joint.tool_rotation;
-            let rest = (tool.rotation[i] * expected.inverse()).scaled_axis();
-            by_rotation.push(q + rest.dot(&direction));
-            tilts[0].push(rest.dot(&first));
-            tilts[1].push(rest.dot(&second));
-        }
+            (tool.rotation[*i] * expected.inverse()).scaled_axis()
+        });
+        let part = |e: Vector3<f64>| rests.iter().map(move |rest| rest.dot(&e));
+        let turned = by_position.iter().zip(part(direction));
+        let by_rotation: Vec<f64> = turned.map(|(q, rest)| q + rest).collect();
+        let tilts: Vec<Vec<f64>> = vec![part(first).collect(), part(second).collect()];
         let from_rotation = mean_noise(&tilts, runs, tool.period, cutoff_hz)?;
         let share = 1.0 / (1.0 + (from_position / from_rotation.max(1e-12)).powi(2));
         let mix = |a: &[f64], b: &[f64]| {

@@ -46,6 +46,18 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     parts.into_iter().flat_map(|(_, done)| done).collect()
 }
 
+/// What `a` and `b` give, run side by side; `b` stays on this thread.
+pub(crate) fn both<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
+    std::thread::scope(|threads| {
+        let a = threads.spawn(a);
+        let b = b();
+        match a.join() {
+            Ok(a) => (a, b),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -64,5 +76,13 @@ mod tests {
             assert_eq!(squares.len(), items.len());
         }
         assert!(in_parallel(&[], |i: &usize| *i).is_empty());
+    }
+
+    #[test]
+    fn both_give_what_they_give() {
+        let mut steps = 0;
+        let mut count = || steps += 1;
+        assert_eq!(both(|| 2 * 3, || count()), (6, ()));
+        assert_eq!(steps, 1);
     }
 }

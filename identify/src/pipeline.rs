@@ -10,6 +10,7 @@ use crate::error::IdentifyError;
 use crate::grasp::{Grasp, GraspSource};
 use crate::joint_graph::{RefinedJoint, refine};
 use crate::motion::MotionSettings;
+use crate::parallel::both;
 use crate::payload::{Payload, PayloadError, PayloadSource};
 use crate::report::effects::TwinEffect;
 use crate::report::{Input, Joint, Report};
@@ -89,24 +90,17 @@ pub fn identify_confirmed(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let mut read = || -> Result<_, IdentifyError> {
+    let read = || -> Result<_, IdentifyError> {
         let mut recording = Recording::load(path, map)?;
         progress(Stage::Read);
         let tool = ToolSamples::from_recording(&recording)?;
         // Hours of samples, all of them in `tool` now.
         recording.wrench = Vec::new();
         recording.pose.samples = Vec::new();
-        let held = held_part(&recording, &tool, settings, progress)?;
+        let held = Held::of(&recording, &tool, settings, progress)?;
         Ok((recording, tool, held))
     };
-    let (others, read) = std::thread::scope(|threads| {
-        let others = threads.spawn(|| read_others(confirm, map, settings));
-        let read = read();
-        match others.join() {
-            Ok(others) => (others, read),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-    });
+    let (others, read) = both(|| read_others(confirm, map, settings), read);
     let (others, hashes): (Vec<_>, Vec<_>) = others?.into_iter().unzip();
     let (recording, tool, held) = read?;
     if let Some(at) = hashes.iter().position(|hash| *hash == recording.sha256) {
@@ -147,8 +141,7 @@ pub fn joint_samples(
     settings: &MotionSettings,
 ) -> Result<JointSamples, IdentifyError> {
     let tool = ToolSamples::from_recording(recording)?;
-    let kinematics = ToolKinematics::of(&tool)?;
-    let held = Held::of(recording, &tool, &kinematics, settings, &mut |_| {})?;
+    let held = Held::of(recording, &tool, settings, &mut |_| {})?;
     held.payload?;
     Ok(held.effort.samples)
 }
@@ -163,22 +156,8 @@ pub fn identify_loaded(
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
     let tool = ToolSamples::from_recording(recording)?;
-    let held = held_part(recording, &tool, settings, progress)?;
+    let held = Held::of(recording, &tool, settings, progress)?;
     identify_with(recording, (tool, held), &[], settings, progress)
-}
-
-/// The held part of a recording and its joint; `tool` holds the recording's samples, `recording` may be rid of them.
-fn held_part(
-    recording: &Recording,
-    tool: &ToolSamples,
-    settings: &MotionSettings,
-    progress: &mut dyn FnMut(Stage),
-) -> Result<Held, IdentifyError> {
-    let kinematics = ToolKinematics::of(tool)?;
-    progress(Stage::Aligned);
-    let held = Held::of(recording, tool, &kinematics, settings, progress)?;
-    progress(Stage::Joint);
-    Ok(held)
 }
 
 /// Effort, dynamics, report and twin of the held part; `recording` may be rid of its samples.
@@ -337,16 +316,40 @@ struct Held {
 }
 
 impl Held {
+    /// `tool` holds the recording's samples, `recording` may be rid of them.
     fn of(
         recording: &Recording,
         tool: &ToolSamples,
-        kinematics: &ToolKinematics,
         settings: &MotionSettings,
         progress: &mut dyn FnMut(Stage),
     ) -> Result<Self, IdentifyError> {
-        let (grasp, payload) = grasp_and_payload(recording, tool, kinematics)?;
-        let held_s =
-            grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period;
+        let marked = Grasp::from_marks(tool, recording);
+        let joint_of = |grasp: &Grasp| -> Result<_, IdentifyError> {
+            let track = kinematic_track(tool, &grasp.held, KINEMATIC_RATE_HZ);
+            let candidates = select(&track)?;
+            let joint = refine(&track, &candidates);
+            Ok((candidates, joint))
+        };
+        let held_s = |grasp: &Grasp| {
+            grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period
+        };
+        // Where marks say when the tool was held, its weight is found beside the joint.
+        let (marked_joint, weighed) = both(
+            || {
+                let long = marked.as_ref().filter(|grasp| held_s(grasp) >= MIN_HELD_S);
+                long.map(joint_of)
+            },
+            || -> Result<_, IdentifyError> {
+                let kinematics = ToolKinematics::of(tool)?;
+                progress(Stage::Aligned);
+                let (grasp, payload) =
+                    grasp_and_payload(recording, tool, &kinematics, marked.as_ref())?;
+                let saturated = saturation::find(&tool.wrench, &grasp.held);
+                Ok((kinematics, grasp, payload, saturated))
+            },
+        );
+        let (kinematics, grasp, payload, saturated) = weighed?;
+        let held_s = held_s(&grasp);
         if held_s < MIN_HELD_S {
             return Err(IdentifyError::HeldTooShort {
                 held_s,
@@ -354,16 +357,13 @@ impl Held {
             });
         }
         progress(Stage::Payload);
-        let track = kinematic_track(tool, &grasp.held, KINEMATIC_RATE_HZ);
-        let candidates = select(&track)?;
-        let joint = refine(&track, &candidates);
+        let (candidates, joint) = marked_joint.unwrap_or_else(|| joint_of(&grasp))?;
         if grasp.source == GraspSource::WholeRecording && joint.position_rms > MOST_OFF_PATH_M {
             return Err(IdentifyError::NotOneJoint {
                 rms_m: joint.position_rms,
                 allowed_m: MOST_OFF_PATH_M,
             });
         }
-        let saturated = saturation::find(&tool.wrench, &grasp.held);
         if let Some(found) = saturated.filter(|found| found.share() > MOST_SATURATED) {
             return Err(IdentifyError::Saturated {
                 channel: found.name(),
@@ -375,7 +375,7 @@ impl Held {
         }
         let effort = changed_effort(
             tool,
-            kinematics,
+            &kinematics,
             [&grasp.held, &grasp.free_after],
             &joint,
             payload.as_ref().ok(),
@@ -393,6 +393,7 @@ impl Held {
                 allowed_m: MOST_OFF_HELD_PATH_M,
             });
         }
+        progress(Stage::Joint);
         Ok(Self {
             grasp,
             payload,
@@ -406,11 +407,12 @@ impl Held {
 
 type PayloadOutcome = Result<Payload, PayloadError>;
 
-/// The parts of the recording, and the tool's weight from its free-air part.
+/// The parts of the recording, as `marked` where there are marks, and the tool's weight from its free-air part.
 fn grasp_and_payload(
     recording: &Recording,
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
+    marked: Option<&Grasp>,
 ) -> Result<(Grasp, PayloadOutcome), IdentifyError> {
     let calibration = recording.calibration.as_ref();
     let estimate = |grasp: &Grasp| match Payload::estimate(
@@ -423,9 +425,9 @@ fn grasp_and_payload(
         Err(PayloadError::Filter(error)) => Err(IdentifyError::from(error)),
         outcome => Ok(outcome),
     };
-    if let Some(grasp) = Grasp::from_marks(tool, recording) {
-        let payload = estimate(&grasp)?;
-        return Ok((grasp, payload));
+    if let Some(grasp) = marked {
+        let payload = estimate(grasp)?;
+        return Ok((grasp.clone(), payload));
     }
     if recording
         .marks

@@ -17,6 +17,7 @@ use ft_recording::{Pose7, Recording, Stamped, TrackedFrame};
 use ft_wire::time::HostTime;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 
+use crate::parallel::{both, in_parallel};
 use resample::{PoseStream, Stream, averaged, median_step, thinned};
 
 /// Why a recording has no common grid.
@@ -95,6 +96,8 @@ const MIN_PIECE_S: f64 = 3.0;
 /// Longer recordings are brought onto a coarser grid, of means: 8 min at 1 kHz are not, an hour is seen at 125 Hz. What is
 /// identified lies below 20 Hz; memory stays bounded.
 const MOST_SAMPLES: usize = 500_000;
+/// Samples of the grid that are read in a row.
+const STRETCH: usize = 2048;
 /// The time of overlap may be so many times what the samples last.
 const MOST_HOLES: f64 = 100.0;
 
@@ -108,19 +111,18 @@ impl ToolSamples {
             .wrench
             .first()
             .map_or(HostTime::EPOCH, |first| first.at);
-        let measured = fresh(&recording.wrench);
         let wrenches = || {
+            let measured = fresh(&recording.wrench);
+            let every = measured.len().div_ceil(MOST_SAMPLES);
             let of = |s: &Stamped<[f64; 6]>| (s.at.seconds_since(start), s.value);
-            measured.iter().map(of)
+            (Stream::averaged(measured.iter().map(of), every), every)
         };
-        let every = measured.len().div_ceil(MOST_SAMPLES);
-        let wrench = Stream::averaged(wrenches(), every);
-        let poses = thinned(
-            fresh(&recording.pose.samples)
-                .iter()
-                .map(|s| (s.at.seconds_since(start), isometry(&s.value)))
-                .collect(),
-        );
+        let poses = || {
+            let measured = fresh(&recording.pose.samples);
+            let of = |s: &Stamped<Pose7>| (s.at.seconds_since(start), isometry(&s.value));
+            thinned(measured.iter().map(of).collect())
+        };
+        let ((wrench, every), poses) = both(wrenches, poses);
         for (stream, samples) in [("wrench", wrench.len()), ("pose", poses.len())] {
             if samples < MIN_SAMPLES {
                 return Err(AlignError::TooFewSamples {
@@ -189,26 +191,36 @@ impl ToolSamples {
         to: f64,
     ) {
         let count = ((to - from) / self.period).floor() as usize + 1;
-        let (mut at_wrench, mut at_pose) = (0, 0);
-        let mut open: Option<usize> = None;
-        for k in 0..count {
-            let t = from + k as f64 * self.period;
-            let values = wrench.at(t, &mut at_wrench).zip(pose.at(t, &mut at_pose));
-            let Some((wrench, tracked)) = values else {
-                if let Some(start) = open.take() {
-                    self.runs.push(start..self.time.len());
-                }
-                continue;
+        let time = |k: usize| from + k as f64 * self.period;
+        let starts: Vec<usize> = (0..count).step_by(STRETCH).collect();
+        let read = in_parallel(&starts, |&start| {
+            let (mut at_wrench, mut at_pose) = (wrench.place(time(start)), pose.place(time(start)));
+            let of = |k: usize| {
+                let t = time(k);
+                let (wrench, tracked) =
+                    wrench.at(t, &mut at_wrench).zip(pose.at(t, &mut at_pose))?;
+                Some((k, wrench, tracked * tracked_from_tcp))
             };
-            open.get_or_insert(self.time.len());
-            let tcp = tracked * tracked_from_tcp;
-            self.time.push(t);
+            let stretch = start..(start + STRETCH).min(count);
+            stretch.filter_map(of).collect::<Vec<_>>()
+        });
+        let total = read.iter().map(Vec::len).sum();
+        self.time.reserve_exact(total);
+        self.wrench.reserve_exact(total);
+        self.position.reserve_exact(total);
+        self.rotation.reserve_exact(total);
+        let mut next = None;
+        for (k, wrench, tcp) in read.into_iter().flatten() {
+            let at = self.time.len();
+            match self.runs.last_mut().filter(|_| next == Some(k)) {
+                Some(run) => run.end = at + 1,
+                None => self.runs.push(at..at + 1),
+            }
+            next = Some(k + 1);
+            self.time.push(time(k));
             self.wrench.push(wrench);
             self.position.push(Point3::from(tcp.translation.vector));
             self.rotation.push(tcp.rotation);
-        }
-        if let Some(start) = open {
-            self.runs.push(start..self.time.len());
         }
         self.gaps = self.runs.len().saturating_sub(1);
     }

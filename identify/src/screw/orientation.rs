@@ -4,6 +4,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::candidate::{Curve, independent};
 use super::{JointKind, PoseSamples, ScrewAxis};
+use crate::parallel::both;
 
 pub(super) struct Turn {
     pub(super) bic_revolute: f64,
@@ -28,10 +29,12 @@ pub(super) fn orientation_criteria(track: &PoseSamples, circle: &Curve, line: &C
     let predicted = angles(&track.positions, &circle.axis);
     let sweep = predicted.iter().copied().fold(f64::NEG_INFINITY, f64::max)
         - predicted.iter().copied().fold(f64::INFINITY, f64::min);
-    let turned = rotation_residuals(track, |i| {
-        UnitQuaternion::from_axis_angle(&circle.axis.direction, predicted[i])
-    });
-    let still = rotation_residuals(track, |_| UnitQuaternion::identity());
+    let with_the_circle =
+        |i: usize| UnitQuaternion::from_axis_angle(&circle.axis.direction, predicted[i]);
+    let (turned, still) = both(
+        || rotation_residuals(track, with_the_circle),
+        || rotation_residuals(track, |_| UnitQuaternion::identity()),
+    );
     let better = if robust_rms(&turned) < robust_rms(&still) {
         &turned
     } else {
@@ -107,8 +110,9 @@ pub(crate) fn robust_mean(rotations: &[UnitQuaternion<f64>]) -> UnitQuaternion<f
             .map(|r| (r * mean.inverse()).scaled_axis())
             .collect();
         let mut norms: Vec<f64> = logs.iter().map(Vector3::norm).collect();
-        norms.sort_by(f64::total_cmp);
-        let scale = (2.0 * norms[norms.len() / 2]).max(1e-9);
+        let middle = norms.len() / 2;
+        let median = *norms.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let scale = (2.0 * median).max(1e-9);
         let weight = |l: &Vector3<f64>| 1.0 / (1.0 + (l.norm() / scale).powi(2));
         let total: f64 = logs.iter().map(weight).sum();
         let step = logs.iter().map(|l| l * weight(l)).sum::<Vector3<f64>>() / total;
@@ -123,7 +127,9 @@ fn robust_rms(series: &[Vec<f64>]) -> f64 {
     let mut norms: Vec<f64> = (0..n)
         .map(|i| series.iter().map(|s| s[i] * s[i]).sum::<f64>().sqrt())
         .collect();
-    norms.sort_by(f64::total_cmp);
+    if norms.is_empty() {
+        return 0.0;
+    }
     // Median of the length of a 3-vector with unit components is 1.538.
-    norms.get(n / 2).map_or(0.0, |m| m / 1.538)
+    *norms.select_nth_unstable_by(n / 2, f64::total_cmp).1 / 1.538
 }

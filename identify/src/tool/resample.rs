@@ -46,6 +46,11 @@ impl Stream {
         )
     }
 
+    /// Where reading at `t` begins.
+    pub(super) fn place(&self, t: f64) -> usize {
+        place(&self.samples, t)
+    }
+
     /// Linear interpolation at `t`; `from` moves along with rising `t`.
     pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<[f64; 6]> {
         let (i, part) = bracket(&self.samples, t, from, self.hole)?;
@@ -93,6 +98,11 @@ impl PoseStream {
             self.samples.first().map_or(0.0, |s| s.0),
             self.samples.last().map_or(0.0, |s| s.0),
         )
+    }
+
+    /// Where reading at `t` begins.
+    pub(super) fn place(&self, t: f64) -> usize {
+        place(&self.samples, t)
     }
 
     /// Hermite position and slerp rotation at `t`.
@@ -179,6 +189,14 @@ fn means<T>(
         }
     }
     out
+}
+
+/// Index of the last sample but one that is at or before `t`; 0 when none is.
+fn place<T>(samples: &[(f64, T)], t: f64) -> usize {
+    let before = samples.partition_point(|sample| sample.0 <= t);
+    before
+        .min(samples.len().saturating_sub(1))
+        .saturating_sub(1)
 }
 
 /// Index of the sample at or before `t` and the part of the step passed; `None` in a hole or outside.
