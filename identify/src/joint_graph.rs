@@ -27,7 +27,7 @@ mod noise;
 
 pub use noise::Wander;
 
-use nalgebra::{DMatrix, DVector, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::least_squares::effective_count;
 use crate::motion::strokes;
@@ -193,7 +193,17 @@ impl State {
 
     /// Position and rotation left over at sample `i`, wander included.
     fn leftover(&self, track: &PoseSamples, i: usize, uses_rotations: bool) -> [Vector3<f64>; 2] {
-        let motion = self.axis.motion(self.q[i]);
+        self.leftover_of(track, i, &self.axis.motion(self.q[i]), uses_rotations)
+    }
+
+    /// As [`State::leftover`]; `motion` = that of the sample's joint coordinate.
+    fn leftover_of(
+        &self,
+        track: &PoseSamples,
+        i: usize,
+        motion: &Isometry3<f64>,
+        uses_rotations: bool,
+    ) -> [Vector3<f64>; 2] {
         let rotation = if uses_rotations {
             (track.rotations[i] * (motion.rotation * self.r0).inverse()).scaled_axis()
         } else {
@@ -260,8 +270,9 @@ impl State {
         let mut linear = Linearized::new(track.positions.len(), active);
         let frame = Frame::new(self);
         for i in 0..track.positions.len() {
-            let leftover = self.leftover(track, i, uses_rotations);
-            let jacobians = frame.jacobians(self, self.q[i]);
+            let motion = self.axis.motion(self.q[i]);
+            let leftover = self.leftover_of(track, i, &motion, uses_rotations);
+            let jacobians = frame.jacobians(self, self.q[i], &motion.rotation);
             for part in 0..if uses_rotations { 2 } else { 1 } {
                 let residual = leftover[part] - self.wander[i][part];
                 let ignored = (part == 1 && self.axis.kind == JointKind::Revolute)

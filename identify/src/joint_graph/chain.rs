@@ -3,12 +3,14 @@
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 use super::{GEOMETRY, Wander};
+use crate::products::in_vectors;
 
 /// Joint coordinate 1, position wander 3, rotation wander 3.
 const STATE: usize = 7;
 
 type Block = SMatrix<f64, STATE, STATE>;
-type Border = SMatrix<f64, STATE, GEOMETRY>;
+/// One column per state.
+type Border = SMatrix<f64, GEOMETRY, STATE>;
 type StateVector = SVector<f64, STATE>;
 
 struct Link {
@@ -17,6 +19,58 @@ struct Link {
     next: StateVector,
     border: Border,
     right: StateVector,
+}
+
+/// What stands beside a link's diagonal block: border, right side, identity.
+const BESIDE: usize = GEOMETRY + 1 + STATE;
+/// Where the identity begins there.
+const IDENTITY: usize = GEOMETRY + 1;
+
+impl Link {
+    /// The inverse of the diagonal block's lower Cholesky factor times what stands beside the block.
+    #[inline(always)]
+    fn reduced(&self) -> Option<[[f64; BESIDE]; STATE]> {
+        let mut block: [[f64; STATE]; STATE] = self.diagonal.into();
+        let mut beside = [[0.0; BESIDE]; STATE];
+        for (k, row) in beside.iter_mut().enumerate() {
+            row[..GEOMETRY].copy_from_slice(self.border.column(k).as_slice());
+            row[GEOMETRY] = self.right[k];
+            row[IDENTITY + k] = 1.0;
+        }
+        for k in 0..STATE {
+            let pivot = block[k][k];
+            if pivot.is_nan() || pivot <= 0.0 {
+                return None;
+            }
+            let scale = 1.0 / pivot.sqrt();
+            let upper = block[k].map(|value| value * scale);
+            let done = beside[k].map(|value| value * scale);
+            beside[k] = done;
+            for row in k + 1..STATE {
+                for (value, above) in block[row].iter_mut().zip(&upper) {
+                    *value -= upper[row] * above;
+                }
+                for (value, above) in beside[row].iter_mut().zip(&done) {
+                    *value -= upper[row] * above;
+                }
+            }
+        }
+        Some(beside)
+    }
+}
+
+/// `a' a` of a few rows.
+#[inline(always)]
+fn products<const N: usize>(rows: &[[f64; N]]) -> [[f64; N]; N] {
+    let mut out = [[0.0; N]; N];
+    for (i, sums) in out.iter_mut().enumerate() {
+        for row in rows {
+            for (sum, value) in sums.iter_mut().zip(row) {
+                *sum += row[i] * value;
+            }
+        }
+    }
+    out
 }
 
 /// One linearization of the graph.
@@ -80,28 +134,36 @@ impl Linearized {
         } else {
             (3.0 / distance).powi(2)
         } / (white * white);
+        let root = weight.sqrt();
         let jacobian = jacobian.map(|column| keep * column);
+        // Joint coordinate, geometry, residual.
+        let mut rows = [[0.0; GEOMETRY + 2]; 3];
+        for (axis, row) in rows.iter_mut().enumerate() {
+            for (value, column) in row.iter_mut().zip(jacobian.iter().chain([&residual])) {
+                *value = root * column[axis];
+            }
+        }
+        let [own, by_geometry @ .., _] = products(&rows);
         let link = &mut self.links[i];
         let wander = 1 + 3 * part;
-        link.diagonal[(0, 0)] += weight * jacobian[0].norm_squared();
-        link.right[0] += weight * jacobian[0].dot(&residual);
+        link.diagonal[(0, 0)] += own[0];
+        link.right[0] += own[GEOMETRY + 1];
         for k in 0..3 {
             for other in 0..3 {
                 link.diagonal[(wander + k, wander + other)] += weight * keep[(k, other)];
             }
-            link.diagonal[(0, wander + k)] += weight * jacobian[0][k];
-            link.diagonal[(wander + k, 0)] += weight * jacobian[0][k];
+            link.diagonal[(0, wander + k)] += root * rows[k][0];
+            link.diagonal[(wander + k, 0)] += root * rows[k][0];
             link.right[wander + k] += weight * residual[k];
         }
-        for column in 0..GEOMETRY {
-            let g = &jacobian[1 + column];
-            link.border[(0, column)] += weight * jacobian[0].dot(g);
+        for (column, products) in by_geometry.iter().enumerate() {
+            link.border[(column, 0)] += own[1 + column];
             for k in 0..3 {
-                link.border[(wander + k, column)] += weight * g[k];
+                link.border[(column, wander + k)] += root * rows[k][1 + column];
             }
-            self.right[column] += weight * g.dot(&residual);
+            self.right[column] += products[GEOMETRY + 1];
             for other in 0..GEOMETRY {
-                self.geometry[(column, other)] += weight * g.dot(&jacobian[1 + other]);
+                self.geometry[(column, other)] += products[1 + other];
             }
         }
         self.cost += weight * residual.norm_squared();
@@ -142,33 +204,22 @@ impl Linearized {
 
     /// Eliminates the chain, solves for the geometry, and substitutes back.
     pub(super) fn solve(mut self) -> Option<Step> {
-        let count = self.links.len();
-        let mut eliminated = Vec::with_capacity(count);
-        for i in 0..count {
-            let inverse = self.links[i].diagonal.cholesky()?.inverse();
-            let border = inverse * self.links[i].border;
-            let right = inverse * self.links[i].right;
-            self.geometry -= self.links[i].border.tr_mul(&border);
-            self.right -= self.links[i].border.tr_mul(&right);
-            if let [link, following, ..] = &mut self.links[i..] {
-                let next = &link.next;
-                following.diagonal -=
-                    Block::from_fn(|row, column| next[row] * inverse[(row, column)] * next[column]);
-                following.border -=
-                    Border::from_fn(|row, column| next[row] * border[(row, column)]);
-                following.right -= next.component_mul(&right);
-            }
-            eliminated.push((inverse, border, right));
-        }
+        in_vectors(
+            #[inline(always)]
+            || self.eliminate(),
+        )?;
         let (geometry, covariance) = self.solve_geometry()?;
+        let count = self.links.len();
         let mut states = vec![StateVector::zeros(); count];
-        for i in (0..count).rev() {
-            let (inverse, border, right) = &eliminated[i];
-            let mut state = right - border * geometry;
-            if let Some(next) = states.get(i + 1) {
-                state -= inverse * self.links[i].next.component_mul(next);
+        let mut following = StateVector::zeros();
+        for (link, state) in self.links.iter().zip(&mut states).rev() {
+            let from_next = link.next.component_mul(&following);
+            for k in 0..STATE {
+                let inverse = link.diagonal.column(k);
+                let left = link.right[k] - link.border.column(k).dot(&geometry);
+                *state += inverse * (left - inverse.dot(&from_next));
             }
-            states[i] = state;
+            following = *state;
         }
         let unknowns = (count * STATE + self.active.len()) as f64;
         Some(Step {
@@ -177,6 +228,43 @@ impl Linearized {
             covariance,
             freedom: self.rows - unknowns,
         })
+    }
+
+    /// Takes one state after the other out of those that follow and out of the geometry. Leaves in its link, for each row of the
+    /// inverse Cholesky factor, that row as a column of `diagonal` and its products with `border` and `right`.
+    #[inline(always)]
+    fn eliminate(&mut self) -> Option<()> {
+        for i in 0..self.links.len() {
+            let reduced = self.links[i].reduced()?;
+            let products = products(&reduced);
+            for (column, products) in products[..GEOMETRY].iter().enumerate() {
+                self.right[column] -= products[GEOMETRY];
+                for (other, product) in products[..GEOMETRY].iter().enumerate() {
+                    self.geometry[(other, column)] -= product;
+                }
+            }
+            let link = &mut self.links[i];
+            let next = link.next;
+            for (k, row) in reduced.iter().enumerate() {
+                link.right[k] = row[GEOMETRY];
+                link.border.column_mut(k).copy_from_slice(&row[..GEOMETRY]);
+                let inverse = &row[IDENTITY..];
+                link.diagonal.column_mut(k).copy_from_slice(inverse);
+            }
+            let Some(following) = self.links.get_mut(i + 1) else {
+                continue;
+            };
+            for (k, products) in products[IDENTITY..].iter().enumerate() {
+                following.right[k] -= next[k] * products[GEOMETRY];
+                for (column, product) in products[..GEOMETRY].iter().enumerate() {
+                    following.border[(column, k)] -= next[k] * product;
+                }
+                for (other, product) in products[IDENTITY..].iter().enumerate() {
+                    following.diagonal[(other, k)] -= next[other] * product * next[k];
+                }
+            }
+        }
+        Some(())
     }
 
     fn solve_geometry(&self) -> Option<(SVector<f64, GEOMETRY>, DMatrix<f64>)> {

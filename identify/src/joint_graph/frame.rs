@@ -1,6 +1,6 @@
 //! Directions of the geometry parameters, and the derivatives of the predicted poses.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{GEOMETRY, State};
 use crate::screw::{JointKind, perpendiculars};
@@ -36,13 +36,19 @@ impl Frame {
         }
     }
 
-    /// Derivatives of predicted position and rotation (left perturbation) by [q, geometry...], as columns.
-    pub(super) fn jacobians(&self, state: &State, q: f64) -> [[Vector3<f64>; GEOMETRY + 1]; 2] {
+    /// Derivatives of predicted position and rotation (left perturbation) by [q, geometry...], as columns; `turn` = rotation of
+    /// the joint's motion at `q`.
+    pub(super) fn jacobians(
+        &self,
+        state: &State,
+        q: f64,
+        turn: &UnitQuaternion<f64>,
+    ) -> [[Vector3<f64>; GEOMETRY + 1]; 2] {
         let zero = Vector3::zeros();
         let mut position = [zero; GEOMETRY + 1];
         let mut rotation = [zero; GEOMETRY + 1];
         let direction = state.axis.direction.into_inner();
-        let turn = state.axis.motion(q).rotation;
+        let turn = turn.to_rotation_matrix();
         match state.axis.kind {
             JointKind::Prismatic => {
                 position[0] = direction;

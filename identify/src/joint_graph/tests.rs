@@ -179,7 +179,7 @@ fn jacobians_agree_with_finite_differences() {
             q: vec![0.8],
             wander: vec![[Vector3::zeros(); 2]],
         };
-        let analytic = Frame::new(&state).jacobians(&state, 0.8);
+        let analytic = Frame::new(&state).jacobians(&state, 0.8, &state.axis.motion(0.8).rotation);
         let predict = |s: &State| {
             let motion = s.axis.motion(s.q[0]);
             (motion * s.p0, motion.rotation * s.r0)
