@@ -179,9 +179,9 @@ fn fit_full(
     if share > least {
         let (surfaces, _) = design.solve(&smoothing);
         mechanism.set(&surfaces.as_slice()[design.params..]);
-        let valved = Valved::fit(&parametric, motion, &mechanism);
+        let (valved, near) = Valved::fit(&parametric, motion, &mechanism);
         if valved.held_out_rms < VALVED_BELOW * held_out_rms {
-            design = valved.design(&parametric, motion);
+            design = near;
             exact = Some((valved.theta.clone(), valved.predicted(&design, &parametric)));
             (mechanism, smoothing, held_out_rms) =
                 (valved.mechanism, valved.smoothing, valved.held_out_rms);

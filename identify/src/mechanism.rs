@@ -55,12 +55,21 @@ pub struct SplineMechanism {
     pub domain: Domain,
 }
 
+/// A mechanism's functions on a motion: they do not depend on its coefficients.
+#[derive(Clone, Debug)]
+pub struct OnMotion {
+    /// Effort per coefficient of the load, filtered like the measured effort, (kept samples, coefficients of g).
+    pub load: DMatrix<f64>,
+    /// Functions of the damping that are not zero at each sample, and their values: as many for each sample.
+    damping: Vec<(usize, f64)>,
+}
+
 /// A mechanism's effort as a linear function of its coefficients, near those it has.
 #[derive(Clone, Debug)]
 pub struct Linearised {
-    /// Effort per coefficient, (kept samples, coefficients).
-    pub columns: DMatrix<f64>,
-    /// The effort less what the columns times the coefficients give, one per kept sample; zero while the valves are straight.
+    /// Effort per coefficient behind those of the load, (kept samples, coefficients of c and of bends).
+    pub damping: DMatrix<f64>,
+    /// The effort less what all columns times the coefficients give, one per kept sample; zero while the valves are straight.
     pub rest: Vec<f64>,
 }
 
@@ -154,11 +163,45 @@ impl SplineMechanism {
     }
 
     /// The damping before the valve.
-    pub(crate) fn proportional(&self, q: f64, dq: f64) -> f64 {
+    fn proportional(&self, q: f64, dq: f64) -> f64 {
+        self.proportional_of(self.tensor(q, dq.abs()), dq)
+    }
+
+    /// The damping before the valve where these functions are not zero.
+    fn proportional_of(&self, functions: impl Iterator<Item = (usize, f64)>, dq: f64) -> f64 {
         let coefficients = &self.damping_coefficients[usize::from(dq < 0.0)];
-        self.tensor(q, dq.abs())
+        functions
             .map(|(index, value)| coefficients[index] * value)
             .sum()
+    }
+
+    /// What the valve of the direction of `dq` is given at each sample of a motion; `on` = [`SplineMechanism::on`] of it.
+    pub(crate) fn proportional_efforts(&self, motion: &Motion, on: &OnMotion) -> Vec<f64> {
+        let samples = self.functions_at_samples(on).zip(&motion.dq);
+        samples
+            .map(|(here, &dq)| self.proportional_of(here.iter().copied(), dq) * dq.abs())
+            .collect()
+    }
+
+    fn functions_at_samples<'a>(
+        &self,
+        on: &'a OnMotion,
+    ) -> impl Iterator<Item = &'a [(usize, f64)]> {
+        let each = (self.damping_q.degree() + 1) * (self.damping_speed.degree() + 1);
+        on.damping.chunks_exact(each)
+    }
+
+    /// Effort of the damping at each sample of a motion; `on` = [`SplineMechanism::on`] of it.
+    pub(crate) fn damping_efforts(&self, motion: &Motion, on: &OnMotion) -> Vec<f64> {
+        let efforts = self.proportional_efforts(motion, on).into_iter();
+        let behind = |(u, &dq): (f64, &f64)| {
+            if dq < 0.0 {
+                -self.valves[1].effort(u)
+            } else {
+                self.valves[0].effort(u)
+            }
+        };
+        efforts.zip(&motion.dq).map(behind).collect()
     }
 
     /// Moves the constant part of the damping out of the mechanism and gives it, to be added to viscous friction. Behind a
@@ -238,51 +281,49 @@ impl SplineMechanism {
         bounds
     }
 
-    /// Effort per coefficient of the load, filtered like the measured effort, (kept samples, coefficients of g). It does not
-    /// depend on the coefficients.
+    /// Its functions on a motion.
     #[must_use]
-    pub fn load_columns(&self, motion: &Motion) -> DMatrix<f64> {
-        let mut entries = SparseColumns::with_capacity(motion.q.len(), self.load.degree() + 1);
+    pub fn on(&self, motion: &Motion) -> OnMotion {
+        let mut load = SparseColumns::with_capacity(motion.q.len(), self.load.degree() + 1);
         for &q in &motion.q {
             let (first, values) = self.load.evaluate(q);
-            entries.push((first..).zip(values).take(self.load.degree() + 1));
+            load.push((first..).zip(values).take(self.load.degree() + 1));
         }
-        motion.sparse_regressor(&entries, self.load.len())
+        let states = motion.q.iter().zip(&motion.dq);
+        OnMotion {
+            load: motion.sparse_regressor(&load, self.load.len()),
+            damping: states
+                .flat_map(|(&q, dq)| self.tensor(q, dq.abs()))
+                .collect(),
+        }
     }
 
-    /// Effort per coefficient near the coefficients it has, filtered like the measured effort; `load` =
-    /// [`SplineMechanism::load_columns`] of this motion.
+    /// Effort per coefficient near the coefficients it has, filtered like the measured effort; `on` = [`SplineMechanism::on`]
+    /// of this motion.
     #[must_use]
-    pub fn linearised(&self, motion: &Motion, load: &DMatrix<f64>) -> Linearised {
+    pub fn linearised(&self, motion: &Motion, on: &OnMotion) -> Linearised {
         let first = self.load.len();
         let total = self.len() - first;
         let bends =
             [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
         let mut entries = SparseColumns::with_capacity(motion.q.len(), 6);
-        let mut here = Vec::new();
-        for (&q, &dq) in motion.q.iter().zip(&motion.dq) {
+        for (here, &dq) in self.functions_at_samples(on).zip(&motion.dq) {
             let closing = usize::from(dq < 0.0);
-            let (valve, coefficients) =
-                (&self.valves[closing], &self.damping_coefficients[closing]);
-            here.clear();
-            here.extend(self.tensor(q, dq.abs()));
-            let proportional: f64 = here.iter().map(|(j, value)| coefficients[*j] * value).sum();
-            let u = proportional * dq.abs();
+            let valve = &self.valves[closing];
+            let u = self.proportional_of(here.iter().copied(), dq) * dq.abs();
             let sign = if closing == 1 { -1.0 } else { 1.0 };
             let bends = bends_of(valve, u, sign, bends[closing], total);
-            let (start, slope) = (closing * coefficients.len(), valve.slope(u));
+            let (start, slope) = (closing * self.damping_coefficients[0].len(), valve.slope(u));
             let own = here
                 .iter()
                 .map(|(j, value)| (start + j, slope * value * dq));
             entries.push(own.chain(bends));
         }
         let damping = motion.sparse_regressor(&entries, total + 1);
-        let rest = damping.column(total).iter().copied().collect();
-        let mut columns = load.clone().resize_horizontally(first + total, 0.0);
-        columns
-            .columns_mut(first, total)
-            .copy_from(&damping.columns(0, total));
-        Linearised { columns, rest }
+        Linearised {
+            rest: damping.column(total).iter().copied().collect(),
+            damping: damping.resize_horizontally(total, 0.0),
+        }
     }
 
     /// Effort per coefficient of the damping, counted from the first, where the valve is given `u`.
@@ -432,6 +473,17 @@ mod tests {
         Motion::prepare(&samples, &MotionSettings::default()).unwrap()
     }
 
+    /// What the columns give with the coefficients, and the columns of the damping.
+    fn given(mechanism: &SplineMechanism, motion: &Motion) -> (DVector<f64>, Linearised) {
+        let on = mechanism.on(motion);
+        let linear = mechanism.linearised(motion, &on);
+        let mut coefficients = DVector::from_vec(mechanism.coefficients());
+        let rest = coefficients.rows(on.load.ncols(), linear.damping.ncols());
+        let given = &linear.damping * rest;
+        coefficients = coefficients.rows(0, on.load.ncols()).into_owned();
+        (on.load * coefficients + given, linear)
+    }
+
     #[test]
     fn the_regressor_is_the_effort_by_coefficient() {
         let motion = motion();
@@ -440,10 +492,7 @@ mod tests {
             .map(|j| ((j * 7) % 5) as f64 * 0.3)
             .collect();
         mechanism.set(&coefficients);
-        let by_column = mechanism
-            .linearised(&motion, &mechanism.load_columns(&motion))
-            .columns
-            * nalgebra::DVector::from_vec(coefficients);
+        let (by_column, _) = given(&mechanism, &motion);
         let direct: Vec<f64> = motion
             .q
             .iter()
@@ -480,11 +529,11 @@ mod tests {
             motion.regressor(&raw).unwrap()
         };
         let here = effort(&mechanism);
-        let linear = mechanism.linearised(&motion, &mechanism.load_columns(&motion));
-        let given = &linear.columns * DVector::from_column_slice(&coefficients);
+        let (given, linear) = given(&mechanism, &motion);
         for ((g, r), e) in given.iter().zip(&linear.rest).zip(&here) {
             assert!((g + r - e).abs() < 1e-9);
         }
+        let loads = mechanism.load.len();
         for j in [25, 70, last - 1, last] {
             let mut other = mechanism.clone();
             let mut moved = coefficients.clone();
@@ -492,7 +541,7 @@ mod tests {
             other.set(&moved);
             let there = effort(&other);
             let error: f64 = (0..here.len())
-                .map(|k| ((there[k] - here[k]) / 1e-5 - linear.columns[(k, j)]).abs())
+                .map(|k| ((there[k] - here[k]) / 1e-5 - linear.damping[(k, j - loads)]).abs())
                 .fold(0.0, f64::max);
             assert!(error < 2e-3, "{j}: {error}");
         }

@@ -1,6 +1,11 @@
 //! Sums of products in vectors as wide as the processor has. They are added up in an order of their own, which is the same on every
 //! processor.
 
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::DMatrix;
+
 /// Sums that are carried side by side.
 const LANES: usize = 16;
 
@@ -40,6 +45,43 @@ pub(crate) fn dot_inline(a: &[f64], b: &[f64]) -> f64 {
         half /= 2;
     }
     sums[0] + rest
+}
+
+/// `y' y`.
+pub(crate) fn gram(y: &DMatrix<f64>) -> DMatrix<f64> {
+    let count = y.ncols();
+    let mut out = DMatrix::zeros(count, count);
+    triangular::matmul(
+        MatMut::from_column_major_slice_mut(out.as_mut_slice(), count, count),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        viewed(y).transpose(),
+        BlockStructure::Rectangular,
+        viewed(y),
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    out.fill_upper_triangle_with_lower_triangle();
+    out
+}
+
+/// `a' b`.
+pub(crate) fn crossed(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut out = DMatrix::zeros(a.ncols(), b.ncols());
+    matmul(
+        MatMut::from_column_major_slice_mut(out.as_mut_slice(), a.ncols(), b.ncols()),
+        Accum::Replace,
+        viewed(a).transpose(),
+        viewed(b),
+        1.0,
+        Par::Seq,
+    );
+    out
+}
+
+fn viewed(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
 /// Columns side by side, for their products with others fold by fold.
@@ -130,6 +172,20 @@ mod tests {
             let plain: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
             assert!((dot(&a, &b) - plain).abs() < 1e-13, "{n}");
         }
+    }
+
+    #[test]
+    fn products_of_matrices_are_those_of_their_columns() {
+        let matrix = |columns: usize, f: f64| {
+            let values: Vec<f64> = (0..columns)
+                .flat_map(|j| wave(50, f + 0.2 * j as f64))
+                .collect();
+            DMatrix::from_vec(50, columns, values)
+        };
+        let (a, b) = (matrix(21, 0.3), matrix(5, 0.4));
+        assert!((gram(&a) - a.transpose() * &a).amax() < 1e-12);
+        assert!((crossed(&a, &b) - a.transpose() * &b).amax() < 1e-12);
+        assert_eq!(gram(&DMatrix::zeros(9, 0)).shape(), (0, 0));
     }
 
     #[test]

@@ -7,9 +7,10 @@ use crate::effect::{Column, Effect};
 use crate::least_squares::{
     Bound, FitError, bounded_quadratic, covariance_of_free, effective_count,
 };
-use crate::mechanism::{Linearised, SplineMechanism};
+use crate::mechanism::{Linearised, OnMotion, SplineMechanism};
 use crate::motion::Motion;
 use crate::parallel::in_parallel;
+use crate::products::gram;
 
 /// `tau = y [theta, mechanism coefficients]`.
 #[derive(Clone)]
@@ -62,18 +63,22 @@ impl Design {
 
     /// This design's parameters with a mechanism as surfaces, which are linear; only damping that the data ask for is let in.
     pub(super) fn with_surfaces(&self, motion: &Motion, mechanism: &SplineMechanism) -> Self {
-        let load = mechanism.load_columns(motion);
-        let mut design = self.near(mechanism, &mechanism.linearised(motion, &load));
+        let on = mechanism.on(motion);
+        let mut design = self.near(mechanism, &on, &mechanism.linearised(motion, &on));
         design.set_threshold();
         design
     }
 
     /// This design's parameters with a mechanism near the coefficients it has, all of its damping let in.
-    pub(super) fn near(&self, mechanism: &SplineMechanism, effort: &Linearised) -> Self {
+    pub(super) fn near(
+        &self,
+        mechanism: &SplineMechanism,
+        on: &OnMotion,
+        effort: &Linearised,
+    ) -> Self {
         let (params, total) = (self.params, self.params + mechanism.len());
-        let mut y = self.y.clone().resize_horizontally(total, 0.0);
-        y.columns_mut(params, mechanism.len())
-            .copy_from(&effort.columns);
+        let parts = [&self.y, &on.load, &effort.damping].map(DMatrix::as_slice);
+        let y = DMatrix::from_vec(self.y.nrows(), total, parts.concat());
         let tau = &self.tau - DVector::from_column_slice(&effort.rest);
         let (gram, right) = normal(&y, &tau);
         let mut bounds = self.bounds.clone();
@@ -246,6 +251,8 @@ impl Design {
         start: [f64; 2],
         grids: [&[f64]; 2],
     ) -> ([f64; 2], f64) {
+        let whole = self.scaled(&self.penalized(&self.gram, &start, 1.0));
+        let (_, warm) = self.minimum_of_scaled(&whole, &self.right, 1.0, None);
         let mut best = (start, f64::INFINITY);
         let mut known: Vec<([f64; 2], f64)> = Vec::new();
         let turns: &[usize] = if grids[1].is_empty() {
@@ -264,7 +271,9 @@ impl Design {
                 .map(with)
                 .filter(|smoothing| known.iter().all(|(tried, _)| tried != smoothing))
                 .collect();
-            let errors = in_parallel(&tried, |smoothing| self.held_out_of(folds, smoothing));
+            let errors = in_parallel(&tried, |smoothing| {
+                self.held_out_of(folds, smoothing, Some(&warm))
+            });
             for (smoothing, error) in tried.into_iter().zip(errors) {
                 known.push((smoothing, error));
                 if error < best.1 {
@@ -277,7 +286,7 @@ impl Design {
 
     /// Held-out root mean square error with one smoothing.
     pub(super) fn held_out(&self, smoothing: &[f64; 2]) -> f64 {
-        self.held_out_of(&self.fold_normals(), smoothing)
+        self.held_out_of(&self.fold_normals(), smoothing, None)
     }
 
     /// Parameters with one smoothing, and the covariance of the parametric ones, inflated for correlated residuals.
@@ -393,19 +402,22 @@ impl Design {
     /// The folds of held-out errors.
     pub(super) fn fold_normals(&self) -> Vec<Fold> {
         let (fold_of, count) = &self.folds;
-        (0..*count)
-            .filter_map(|fold| {
-                let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
-                if rows.is_empty() || rows.len() == fold_of.len() {
-                    return None;
-                }
-                let unscored: Vec<usize> =
-                    rows.iter().copied().filter(|&i| !self.scored[i]).collect();
-                let all = self.part(&rows);
-                let scored = all.without(&self.part(&unscored));
-                Some(Fold { all, scored })
+        let folds: Vec<usize> = (0..*count).collect();
+        let normals = in_parallel(&folds, |&fold| {
+            let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
+            if rows.is_empty() || rows.len() == fold_of.len() {
+                return None;
+            }
+            let unscored: Vec<usize> = rows.iter().copied().filter(|&i| !self.scored[i]).collect();
+            let all = self.part(&rows);
+            Some(Fold {
+                gram: self.scaled(&(&self.gram - &all.gram)),
+                right: &self.right - &all.right,
+                share: 1.0 - rows.len() as f64 / self.tau.len() as f64,
+                scored: all.without(&self.part(&unscored)),
             })
-            .collect()
+        });
+        normals.into_iter().flatten().collect()
     }
 
     pub(super) fn part(&self, rows: &[usize]) -> Part {
@@ -419,15 +431,17 @@ impl Design {
         }
     }
 
-    fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2]) -> f64 {
+    /// `warm` names the coefficients that are first taken as not at their bound.
+    fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2], warm: Option<&[bool]>) -> f64 {
         let mut square = 0.0;
         let mut samples = 0;
-        let mut warm: Option<Vec<bool>> = None;
+        let mut warm = warm.map(<[bool]>::to_vec);
+        let penalty = self.penalty(smoothing);
         for fold in folds {
-            let share = 1.0 - fold.all.samples as f64 / self.tau.len() as f64;
-            let h = self.penalized(&(&self.gram - &fold.all.gram), smoothing, share);
-            let x = self.minimum(&h, &(&self.right - &fold.all.right), share, warm.as_deref());
-            warm = Some(x.iter().map(|v| *v != 0.0).collect());
+            // The penalty is about columns of scale 1 only.
+            let h = &fold.gram + &penalty * fold.share;
+            let (x, let_in) = self.minimum_of_scaled(&h, &fold.right, fold.share, warm.as_deref());
+            warm = Some(let_in);
             let part = &fold.scored;
             square += (part.square - 2.0 * x.dot(&part.right) + x.dot(&(&part.gram * &x))).max(0.0);
             samples += part.samples;
@@ -435,23 +449,28 @@ impl Design {
         (square / samples.max(1) as f64).sqrt()
     }
 
-    /// Normal matrix with penalties; `share` of the samples are in it. A trace of ridge keeps it definite where the
-    /// motion never was.
+    /// Normal matrix with penalties; `share` of the samples are in it.
     pub(super) fn penalized(
         &self,
         gram: &DMatrix<f64>,
         smoothing: &[f64; 2],
         share: f64,
     ) -> DMatrix<f64> {
-        let mut h = gram.clone();
+        gram + self.penalty(smoothing) * share
+    }
+
+    /// All penalties, and a trace of ridge that keeps the normal matrix definite where the motion never was.
+    fn penalty(&self, smoothing: &[f64; 2]) -> DMatrix<f64> {
+        let total = self.y.ncols();
+        let mut out = DMatrix::zeros(total, total);
         for (penalty, strength) in self.penalties.iter().zip(smoothing.iter().chain(&[1.0])) {
-            let weight = strength * share * self.unit_weight(penalty);
-            h.zip_apply(penalty, |a, p| *a += weight * p);
+            let weight = strength * self.unit_weight(penalty);
+            out.zip_apply(penalty, |a, p| *a += weight * p);
         }
-        for j in self.params..h.ncols() {
-            h[(j, j)] += 1e-7 * share * self.tau.len() as f64 / (h.ncols() as f64);
+        for j in self.params..total {
+            out[(j, j)] += 1e-7 * self.tau.len() as f64 / (total as f64);
         }
-        h
+        out
     }
 
     /// Mean diagonal weight of the coefficients that a penalty is about.
@@ -471,10 +490,22 @@ impl Design {
         share: f64,
         warm: Option<&[bool]>,
     ) -> DVector<f64> {
-        let scaled = self.scaled(h);
+        self.minimum_of_scaled(&self.scaled(h), right, share, warm)
+            .0
+    }
+
+    /// As [`Design::minimum`], of a normal matrix that is scaled; and the coefficients that were let in.
+    fn minimum_of_scaled(
+        &self,
+        scaled: &DMatrix<f64>,
+        right: &DVector<f64>,
+        share: f64,
+        warm: Option<&[bool]>,
+    ) -> (DVector<f64>, Vec<bool>) {
         let target = right.component_div(&self.scale);
         let held = (right - &self.threshold * share).component_div(&self.scale);
-        let x = bounded_quadratic(&scaled, &held, &self.bounds, warm);
+        let x = bounded_quadratic(scaled, &held, &self.bounds, warm);
+        let let_in = x.iter().map(|v| *v != 0.0).collect();
         let mut out = if self.threshold.amax() > 0.0 {
             let kept: Vec<usize> = (0..x.len())
                 .filter(|&j| x[j] != 0.0 || self.threshold[j] == 0.0)
@@ -493,7 +524,7 @@ impl Design {
             x
         };
         out.component_div_assign(&self.scale);
-        out
+        (out, let_in)
     }
 
     fn scaled(&self, h: &DMatrix<f64>) -> DMatrix<f64> {
@@ -508,18 +539,22 @@ pub(super) fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64
     })
 }
 
-/// The samples of one fold, and those of them that count.
+/// A fit without the samples of one fold, and those of them that count.
 pub(super) struct Fold {
-    all: Part,
+    /// Scaled.
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    /// Share of the samples that are left.
+    share: f64,
     scored: Part,
 }
 
 /// The normal matrix of some samples.
 pub(super) struct Part {
     pub(super) gram: DMatrix<f64>,
-    pub(super) right: DVector<f64>,
+    right: DVector<f64>,
     square: f64,
-    pub(super) samples: usize,
+    samples: usize,
 }
 
 impl Part {
@@ -534,6 +569,5 @@ impl Part {
 }
 
 fn normal(y: &DMatrix<f64>, tau: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
-    let turned = y.transpose();
-    (&turned * y, turned * tau)
+    (gram(y), y.tr_mul(tau))
 }

@@ -12,9 +12,10 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::design::Design;
 use crate::least_squares::{Bound, rms};
-use crate::mechanism::{Bend, SplineMechanism};
+use crate::mechanism::{Bend, OnMotion, SplineMechanism};
 use crate::motion::Motion;
 use crate::parallel::in_parallel;
+use crate::products::crossed;
 
 /// Smoothing of load and damping to begin with, and what is tried.
 const START: [f64; 2] = [0.01, 1e-3];
@@ -41,20 +42,24 @@ pub(super) struct Valved {
     /// Parameters, in the order of the design's.
     pub(super) theta: DVector<f64>,
     pub(super) mechanism: SplineMechanism,
-    /// The load's columns, which stay.
-    load: Arc<DMatrix<f64>>,
+    /// The mechanism's functions, which stay.
+    on: Arc<OnMotion>,
     pub(super) smoothing: [f64; 2],
     pub(super) held_out_rms: f64,
 }
 
 impl Valved {
-    /// Fits a mechanism together with the parameters of `parametric`, a design without a mechanism; `surfaces` = a fit without
-    /// valves.
-    pub(super) fn fit(parametric: &Design, motion: &Motion, surfaces: &SplineMechanism) -> Self {
+    /// Fits a mechanism together with the parameters of `parametric`, a design without a mechanism, and gives the design at the
+    /// fit, too; `surfaces` = a fit without valves.
+    pub(super) fn fit(
+        parametric: &Design,
+        motion: &Motion,
+        surfaces: &SplineMechanism,
+    ) -> (Self, Design) {
         let mechanism = SplineMechanism::valved(motion);
         let mut fit = Self {
             theta: DVector::zeros(parametric.params),
-            load: Arc::new(mechanism.load_columns(motion)),
+            on: Arc::new(mechanism.on(motion)),
             mechanism,
             smoothing: START,
             held_out_rms: f64::INFINITY,
@@ -90,15 +95,17 @@ impl Valved {
             fit.steps(parametric, motion, 2);
         }
         fit.steps(parametric, motion, 2);
-        fit.held_out_rms = fit.held_out(parametric, motion);
-        fit
+        let design = fit.design(parametric, motion);
+        fit.held_out_rms = fit.held_out(&design, parametric, motion);
+        (fit, design)
     }
 
     /// The design at the fit.
-    pub(super) fn design(&self, parametric: &Design, motion: &Motion) -> Design {
+    fn design(&self, parametric: &Design, motion: &Motion) -> Design {
         parametric.near(
             &self.mechanism,
-            &self.mechanism.linearised(motion, &self.load),
+            &self.on,
+            &self.mechanism.linearised(motion, &self.on),
         )
     }
 
@@ -117,13 +124,10 @@ impl Valved {
 
     /// What the fit leaves of the effort at the kept samples: exact, not linearised.
     fn residual(&self, parametric: &Design, motion: &Motion) -> DVector<f64> {
-        let states = motion.q.iter().zip(&motion.dq);
-        let damping: Vec<f64> = states
-            .map(|(&q, &dq)| self.mechanism.damping(q, dq) * dq)
-            .collect();
+        let damping = self.mechanism.damping_efforts(motion, &self.on);
         let load = &self.mechanism.load_coefficients;
         let predicted =
-            &parametric.y * &self.theta + &*self.load * DVector::from_column_slice(load);
+            &parametric.y * &self.theta + &self.on.load * DVector::from_column_slice(load);
         // It is refused for another length than the motion's only.
         let damping = motion.regressor(&damping).unwrap_or_default();
         &parametric.tau - predicted - DVector::from_vec(damping)
@@ -290,35 +294,49 @@ impl Valved {
         let Some(factor) = Cholesky::new(part) else {
             return [None, None];
         };
-        let y = design.y.select_columns(&free);
-        let right = design.right.select_rows(&free);
-        let residual = &design.tau - &y * factor.solve(&right);
-        let least = LEAST_BEND * (residual.norm_squared() / residual.len() as f64).sqrt();
+        let mut x = DVector::zeros(now.len());
+        for (&j, value) in free
+            .iter()
+            .zip(&factor.solve(&design.right.select_rows(&free)))
+        {
+            x[j] = *value;
+        }
+        let residual = &design.tau - &design.y * x;
+        let square = residual.norm_squared();
+        let asked = design.y.tr_mul(&residual).select_rows(&free);
+        let least = LEAST_BEND * (square / residual.len() as f64).sqrt();
         [0, 1].map(|direction| {
             let efforts = self.proportional_efforts(motion, direction);
             let most = motion.kept.iter().map(|&i| efforts[i]).fold(0.0, f64::max);
             let sign = if direction == 0 { 1.0 } else { -1.0 };
             let valve = &self.mechanism.valves[direction];
             let taken = |at: f64| valve.bends.iter().any(|b| (b.at - at).abs() < 0.15 * b.at);
-            let gains = (1..PLACES)
+            let places: Vec<f64> = (1..PLACES)
                 .map(|k| most * k as f64 / PLACES as f64)
                 .filter(|&at| at > least && !taken(at))
-                .filter_map(|at| {
-                    let series: Vec<f64> =
-                        efforts.iter().map(|u| sign * (u - at).max(0.0)).collect();
-                    let column = DVector::from_vec(motion.regressor(&series).ok()?);
-                    let apart = &column - &y * factor.solve(&y.tr_mul(&column));
-                    let square = apart.dot(&column);
-                    if square <= 1e-9 * column.norm_squared() {
-                        return None;
-                    }
-                    let change = apart.dot(&residual) / square;
-                    let slope = (valve.slope(at) + change).clamp(0.05, 3.0);
-                    Some((change * change * square, Bend { at, slope }))
-                });
+                .collect();
+            let mut columns = Vec::with_capacity(places.len() * residual.len());
+            for at in &places {
+                let series: Vec<f64> = efforts.iter().map(|u| sign * (u - at).max(0.0)).collect();
+                columns.extend(motion.regressor(&series).ok()?);
+            }
+            let columns = DMatrix::from_vec(residual.len(), places.len(), columns);
+            let products = crossed(&design.y, &columns).select_rows(&free);
+            let explained = factor.solve(&products);
+            let gains = places.iter().enumerate().filter_map(|(k, &at)| {
+                let column = columns.column(k);
+                // Of the part of the column that nothing else explains.
+                let size = column.norm_squared() - products.column(k).dot(&explained.column(k));
+                if size <= 1e-9 * column.norm_squared() {
+                    return None;
+                }
+                let change = (column.dot(&residual) - asked.dot(&explained.column(k))) / size;
+                let slope = (valve.slope(at) + change).clamp(0.05, 3.0);
+                Some((change * change * size, Bend { at, slope }))
+            });
             let best = gains.max_by(|a, b| a.0.total_cmp(&b.0))?;
             // Later steps gain more than the first, but not from nothing.
-            let left = (1.0 - best.0 / residual.norm_squared()).max(1e-3);
+            let left = (1.0 - best.0 / square).max(1e-3);
             (-(residual.len() as f64) * left.ln() > 0.5 * EVIDENCE).then_some(best)
         })
     }
@@ -330,28 +348,23 @@ impl Valved {
 
     /// What the valve of a direction is given at each sample; 0 in the other direction.
     fn proportional_efforts(&self, motion: &Motion, direction: usize) -> Vec<f64> {
-        let states = motion.q.iter().zip(&motion.dq);
-        states
-            .map(|(&q, &dq)| {
-                if usize::from(dq < 0.0) == direction {
-                    self.mechanism.proportional(q, dq) * dq.abs()
-                } else {
-                    0.0
-                }
-            })
+        let efforts = self.mechanism.proportional_efforts(motion, &self.on);
+        let there = |dq: f64| usize::from(dq < 0.0) == direction;
+        let efforts = efforts.into_iter().zip(&motion.dq);
+        efforts
+            .map(|(effort, &dq)| if there(dq) { effort } else { 0.0 })
             .collect()
     }
 
     /// Error on strokes that were left out. The steps without them begin at the whole fit and keep its columns: they are short.
-    fn held_out(&self, parametric: &Design, motion: &Motion) -> f64 {
+    fn held_out(&self, whole: &Design, parametric: &Design, motion: &Motion) -> f64 {
         const STEPS: usize = 3;
-        let whole = self.design(parametric, motion);
         let (fold_of, count) = &parametric.folds;
-        let (mut square, mut samples) = (0.0, 0);
-        for fold in 0..*count {
+        let folds: Vec<usize> = (0..*count).collect();
+        let errors = in_parallel(&folds, |&fold| {
             let rows: Vec<usize> = (0..fold_of.len()).filter(|&i| fold_of[i] == fold).collect();
             if rows.is_empty() || rows.len() == fold_of.len() {
-                continue;
+                return (0.0, 0);
             }
             let share = 1.0 - rows.len() as f64 / fold_of.len() as f64;
             let gram = &whole.gram - whole.part(&rows).gram;
@@ -364,14 +377,17 @@ impl Valved {
                 for &i in &rows {
                     tau[i] = 0.0;
                 }
-                fit.step_by(&whole, (gram.clone(), whole.y.tr_mul(&tau)), share);
+                fit.step_by(whole, (gram.clone(), whole.y.tr_mul(&tau)), share);
             }
             let residual = fit.residual(parametric, motion);
-            for i in rows.into_iter().filter(|&i| parametric.scored[i]) {
-                square += residual[i] * residual[i];
-                samples += 1;
-            }
-        }
+            let scored = rows.into_iter().filter(|&i| parametric.scored[i]);
+            scored.fold((0.0, 0), |(square, samples), i| {
+                (square + residual[i] * residual[i], samples + 1)
+            })
+        });
+        let (square, samples) = errors
+            .into_iter()
+            .fold((0.0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
         (square / f64::from(samples.max(1))).sqrt()
     }
 }

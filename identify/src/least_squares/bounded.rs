@@ -4,7 +4,7 @@
 //! Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, written for the normal matrix.
 
 use faer::linalg::solvers::{Llt, Solve};
-use faer::{ColRef, Mat, Side};
+use faer::{ColRef, MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 
 /// What a parameter may be.
@@ -168,12 +168,16 @@ fn solve_free(h: &DMatrix<f64>, f: &DVector<f64>, free: &mut [bool]) -> DVector<
         return x;
     }
     let n = index.len();
-    let mut steadied = Mat::from_fn(n, n, |i, k| h[(index[i], index[k])]);
-    let ridge = 1e-13 * (0..n).map(|i| steadied[(i, i)].abs()).fold(0.0, f64::max);
-    for i in 0..n {
-        steadied[(i, i)] += ridge;
+    let diagonal = index.iter().map(|&j| h[(j, j)].abs());
+    let ridge = 1e-13 * diagonal.fold(0.0, f64::max);
+    let mut steadied = Vec::with_capacity(n * n);
+    for (k, &j) in index.iter().enumerate() {
+        let column = &h.as_slice()[j * f.len()..][..f.len()];
+        steadied.extend(index.iter().map(|&i| column[i]));
+        steadied[k * n + k] += ridge;
     }
-    let Ok(factor) = Llt::new(steadied.as_ref(), Side::Lower) else {
+    let steadied = MatRef::from_column_major_slice(&steadied, n, n);
+    let Ok(factor) = Llt::new(steadied, Side::Lower) else {
         // Not even then: leave out the last variable that came in without diagonal weight.
         for &j in &index {
             if h[(j, j)] <= ridge {

@@ -6,6 +6,7 @@ use core::ops::Range;
 use nalgebra::DMatrix;
 
 use crate::filter::{FilterError, LowPass};
+use crate::parallel::in_parallel;
 use crate::products::{dot_inline, in_vectors};
 
 /// The zero-phase filter as weights.
@@ -163,6 +164,8 @@ struct Stretch {
 
 /// Columns of a row.
 const WIDTH: usize = 4;
+/// Samples whose filtered rows are made in one go.
+const TOGETHER: usize = 16;
 
 impl Stretch {
     fn rows_per_sample(&self) -> usize {
@@ -215,27 +218,48 @@ impl SparseColumns {
         (kept, slides): (&[usize], &[bool]),
         columns: usize,
     ) -> DMatrix<f64> {
-        // Rows are made one after the other, and a matrix is stored column by column.
-        let mut rows = DMatrix::zeros(columns, kept.len());
-        let mut weights = Vec::new();
-        let (mut run, mut near) = (0, 0);
-        for (&at, mut row) in kept.iter().zip(rows.column_iter_mut()) {
-            while run + 1 < runs.len() && at >= runs[run].end {
-                run += 1;
+        let parts: Vec<&[usize]> = kept.chunks(TOGETHER).collect();
+        let parts = in_parallel(&parts, |part| {
+            self.filtered_rows(kernel, runs, (part, slides), columns)
+        });
+        // A matrix is stored column by column.
+        let mut out = DMatrix::zeros(kept.len(), columns);
+        for (first, rows) in (0..).step_by(TOGETHER).zip(&parts) {
+            for (j, mut column) in out.column_iter_mut().enumerate() {
+                let rows = rows.iter().skip(j).step_by(columns);
+                for (value, new) in column.as_mut_slice()[first..].iter_mut().zip(rows) {
+                    *value = *new;
+                }
             }
+        }
+        out
+    }
+
+    /// As [`SparseColumns::filtered`], row by row.
+    fn filtered_rows(
+        &self,
+        kernel: &Kernel,
+        runs: &[Range<usize>],
+        (kept, slides): (&[usize], &[bool]),
+        columns: usize,
+    ) -> Vec<f64> {
+        let mut rows = vec![0.0; kept.len() * columns];
+        let mut weights = Vec::new();
+        for (&at, row) in kept.iter().zip(rows.chunks_exact_mut(columns.max(1))) {
+            let run = runs.partition_point(|run| run.end <= at);
             let from = kernel.weights_about(&runs[run], at, &mut weights);
             for (weight, slides) in weights.iter_mut().zip(&slides[from..]) {
                 *weight = if *slides { *weight } else { 0.0 };
             }
-            while self.stretches[near].samples.end <= from {
-                near += 1;
-            }
+            let near = self
+                .stretches
+                .partition_point(|one| one.samples.end <= from);
             in_vectors(
                 #[inline(always)]
-                || self.add_weighted(near, from, &weights, row.as_mut_slice()),
+                || self.add_weighted(near, from, &weights, row),
             );
         }
-        rows.transpose()
+        rows
     }
 
     /// Adds the samples from `from` on, each with its weight, to a row; stretch `near` holds the first of them.
@@ -249,18 +273,35 @@ impl SparseColumns {
             let columns = &self.columns[stretch.columns.clone()];
             let first = stretch.first_row + (samples.start - stretch.samples.start) * each;
             let weights = &weights[samples.start - from..samples.end - from];
+            let rows = &self.rows[first..first + weights.len() * each];
             for (k, columns) in columns.chunks(WIDTH).enumerate() {
-                let rows = self.rows[first + k..].iter().step_by(each);
-                let mut sums = [0.0; WIDTH];
-                for (row, weight) in rows.zip(weights) {
-                    for (sum, entry) in sums.iter_mut().zip(row) {
-                        *sum += entry * weight;
-                    }
-                }
+                let sums = weighted_sums(&rows[k..], each, weights);
                 for (&column, sum) in columns.iter().zip(sums) {
                     out[column] += sum;
                 }
             }
         }
     }
+}
+
+/// The sum of every `each`-th row, weighted; four sums are carried side by side, so that none waits for the one before.
+#[inline(always)]
+fn weighted_sums(rows: &[[f64; WIDTH]], each: usize, weights: &[f64]) -> [f64; WIDTH] {
+    let mut sums = [[0.0; WIDTH]; 4];
+    let (fours, rest) = weights.as_chunks::<4>();
+    for (weights, rows) in fours.iter().zip(rows.chunks(4 * each)) {
+        for (l, (sums, weight)) in sums.iter_mut().zip(weights).enumerate() {
+            for (sum, entry) in sums.iter_mut().zip(&rows[l * each]) {
+                *sum += entry * weight;
+            }
+        }
+    }
+    let [mut first, second, third, fourth] = sums;
+    let rows = rows.chunks(each).skip(4 * fours.len());
+    for (weight, rows) in rest.iter().zip(rows) {
+        for (sum, entry) in first.iter_mut().zip(&rows[0]) {
+            *sum += entry * weight;
+        }
+    }
+    core::array::from_fn(|k| (first[k] + second[k]) + (third[k] + fourth[k]))
 }
