@@ -116,12 +116,15 @@ fn cannot_confirm(path: &Path, source: IdentifyError) -> IdentifyError {
     }
 }
 
-/// The confirming recordings: name and joint samples, and the file's hash.
+/// A recording's name and what it says of the joint.
+type NamedSamples = (String, JointSamples);
+
+/// The confirming recordings, and the hash of each file.
 fn read_others(
     confirm: &[PathBuf],
     map: &TopicMap,
     settings: &MotionSettings,
-) -> Result<Vec<((String, JointSamples), String)>, IdentifyError> {
+) -> Result<Vec<(NamedSamples, String)>, IdentifyError> {
     let read = |path: &PathBuf| -> Result<_, IdentifyError> {
         let recording = Recording::load(path, map)?;
         let samples = joint_samples(&recording, settings)?;

@@ -247,6 +247,7 @@ pub fn pip_install(python: &Path, what: &[&OsStr]) -> Result<(), String> {
 }
 
 /// Runs a program that fetches from a registry, up to three times: large downloads get cut off at times.
+#[allow(clippy::disallowed_methods, reason = "no device's time")]
 fn fetch(command: &mut Command) -> Result<(), String> {
     for pause in [5, 20] {
         match succeed(command) {

@@ -490,7 +490,7 @@ impl<'a> Problem<'a> {
     ) -> Result<Option<(f64, DMatrix<f64>)>, MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
-        let without = |fold: usize| -> Result<Option<(Vec<f64>, DVector<f64>)>, MotionError> {
+        let without = |fold: usize| -> Result<_, MotionError> {
             let rest = self.effort(place, slopes, |near| fold_of[near] != fold);
             let Some(rest) = self.whole(rest, noise) else {
                 return Ok(None);
