@@ -209,7 +209,7 @@ fn fit_full(
             .map(|((value, change), bound)| match bound {
                 Bound::Free => value + change,
                 Bound::NonNegative if value > 0.0 => (value + change).max(0.0),
-                Bound::NonNegative => value,
+                Bound::NonNegative | Bound::Zero => value,
             })
             .collect();
         theta.copy_from_slice(&changed[..params]);

@@ -5,6 +5,7 @@
 
 mod bounded;
 
+pub(crate) use bounded::Quadratic;
 pub use bounded::{Bound, bounded_quadratic};
 
 use nalgebra::{DMatrix, DVector};

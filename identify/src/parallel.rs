@@ -2,6 +2,7 @@
 
 use core::num::NonZero;
 use core::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::LazyLock;
 
 /// `f` of each item, in order, on all processors.
 pub(crate) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync) -> Vec<R> {
@@ -14,8 +15,7 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     items: &[T],
     f: impl Fn(&T) -> R + Sync,
 ) -> Vec<R> {
-    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
-    let threads = threads.min(most);
+    let threads = processors().min(most);
     let size = items.len().div_ceil(4 * threads).max(1);
     let chunks: Vec<&[T]> = items.chunks(size).collect();
     let next = AtomicUsize::new(0);
@@ -44,6 +44,13 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     });
     parts.sort_by_key(|(index, _)| *index);
     parts.into_iter().flat_map(|(_, done)| done).collect()
+}
+
+/// How many there are: asked once, the answer takes files to be read.
+fn processors() -> usize {
+    static COUNT: LazyLock<usize> =
+        LazyLock::new(|| std::thread::available_parallelism().map_or(1, NonZero::get));
+    *COUNT
 }
 
 /// What `a` and `b` give, run side by side; `b` stays on this thread.

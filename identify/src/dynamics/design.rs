@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::DynamicsError;
 use crate::effect::{Column, Effect};
 use crate::least_squares::{
-    Bound, FitError, bounded_quadratic, covariance_of_free, effective_count,
+    Bound, FitError, Quadratic, bounded_quadratic, covariance_of_free, effective_count,
 };
 use crate::mechanism::{Linearised, OnMotion, SplineMechanism};
 use crate::motion::Motion;
@@ -437,9 +437,11 @@ impl Design {
         let mut samples = 0;
         let mut warm = warm.map(<[bool]>::to_vec);
         let penalty = self.penalty(smoothing);
+        let mut h = penalty.clone();
         for fold in folds {
             // The penalty is about columns of scale 1 only.
-            let h = &fold.gram + &penalty * fold.share;
+            h.copy_from(&fold.gram);
+            h.zip_apply(&penalty, |a, p| *a += fold.share * p);
             let (x, let_in) = self.minimum_of_scaled(&h, &fold.right, fold.share, warm.as_deref());
             warm = Some(let_in);
             let part = &fold.scored;
@@ -502,27 +504,20 @@ impl Design {
         share: f64,
         warm: Option<&[bool]>,
     ) -> (DVector<f64>, Vec<bool>) {
-        let target = right.component_div(&self.scale);
         let held = (right - &self.threshold * share).component_div(&self.scale);
-        let x = bounded_quadratic(scaled, &held, &self.bounds, warm);
-        let let_in = x.iter().map(|v| *v != 0.0).collect();
-        let mut out = if self.threshold.amax() > 0.0 {
-            let kept: Vec<usize> = (0..x.len())
-                .filter(|&j| x[j] != 0.0 || self.threshold[j] == 0.0)
-                .collect();
-            let bounds: Vec<Bound> = kept.iter().map(|&j| self.bounds[j]).collect();
-            let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| scaled[(kept[i], kept[j])]);
-            let started = vec![true; kept.len()];
-            let some =
-                bounded_quadratic(&part, &target.select_rows(&kept), &bounds, Some(&started));
-            let mut full = DVector::zeros(x.len());
-            for (i, &j) in kept.iter().enumerate() {
-                full[j] = some[i];
+        let mut quadratic = Quadratic::new(scaled);
+        let mut out = quadratic.minimum(&held, &self.bounds, warm);
+        let let_in: Vec<bool> = out.iter().map(|v| *v != 0.0).collect();
+        if self.threshold.amax() > 0.0 {
+            let mut bounds = self.bounds.clone();
+            for (j, bound) in bounds.iter_mut().enumerate() {
+                if !let_in[j] && self.threshold[j] > 0.0 {
+                    *bound = Bound::Zero;
+                }
             }
-            full
-        } else {
-            x
-        };
+            let target = right.component_div(&self.scale);
+            out = quadratic.minimum(&target, &bounds, Some(&vec![true; out.len()]));
+        }
         out.component_div_assign(&self.scale);
         (out, let_in)
     }

@@ -7,6 +7,8 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{ColRef, MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 
+use crate::products::in_vectors;
+
 /// What a parameter may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bound {
@@ -14,6 +16,8 @@ pub enum Bound {
     Free,
     /// Zero or more.
     NonNegative,
+    /// Zero.
+    Zero,
 }
 
 /// Minimizes `x' H x / 2 - f' x` with the bounds; `start` names the variables first taken as not at their bound.
@@ -28,174 +32,231 @@ pub fn bounded_quadratic(
     bounds: &[Bound],
     start: Option<&[bool]>,
 ) -> DVector<f64> {
-    let n = f.len();
-    let bounded = |j: usize| bounds.get(j) == Some(&Bound::NonNegative);
-    let mut free: Vec<bool> = (0..n)
-        .map(|j| !bounded(j) || start.is_some_and(|s| s[j]))
-        .collect();
-    if let Some(x) = exchanged(h, f, &bounded, &mut free) {
-        return x;
+    Quadratic::new(h).minimum(f, bounds, start)
+}
+
+/// Quadratics of one matrix `H`.
+pub(crate) struct Quadratic<'a> {
+    h: &'a DMatrix<f64>,
+    /// The variables that were free last, and the factor of their part of `H`.
+    last: Option<(Vec<usize>, Llt<f64>)>,
+}
+
+impl<'a> Quadratic<'a> {
+    pub(crate) const fn new(h: &'a DMatrix<f64>) -> Self {
+        Self { h, last: None }
     }
-    // A warm start may be infeasible: drop what comes out negative until it is not.
-    let mut x = loop {
-        let candidate = solve_free(h, f, &mut free);
-        let negative: Vec<usize> = (0..n)
-            .filter(|&j| free[j] && bounded(j) && candidate[j] <= 0.0)
+
+    /// As [`bounded_quadratic`].
+    pub(crate) fn minimum(
+        &mut self,
+        f: &DVector<f64>,
+        bounds: &[Bound],
+        start: Option<&[bool]>,
+    ) -> DVector<f64> {
+        let n = f.len();
+        let bounded = |j: usize| bounds.get(j) == Some(&Bound::NonNegative);
+        let fixed = |j: usize| bounds.get(j) == Some(&Bound::Zero);
+        let mut free: Vec<bool> = (0..n)
+            .map(|j| !fixed(j) && (!bounded(j) || start.is_some_and(|s| s[j])))
             .collect();
-        if negative.is_empty() {
-            break candidate;
+        if let Some(x) = self.exchanged(f, &bounded, &mut free) {
+            return x;
         }
-        for j in negative {
-            free[j] = false;
-        }
-    };
-    let tolerance = 1e-10 * f.amax().max(f64::MIN_POSITIVE);
-    let mut banned = vec![false; n];
-    for _ in 0..6 * n + 20 {
-        let gradient = f - h * &x;
-        let entering = (0..n)
-            .filter(|&j| !free[j] && !banned[j] && gradient[j] > tolerance)
-            .max_by(|&a, &b| gradient[a].total_cmp(&gradient[b]));
-        let Some(entering) = entering else { break };
-        free[entering] = true;
-        let before = x.clone();
-        step_to_feasible(h, f, &mut free, &mut x, &bounded);
-        // Singular or degenerate: the variable fell straight back; do not try it again before something else moved.
-        if free[entering] {
-            banned.fill(false);
-        } else {
-            banned[entering] = true;
-            if (&x - &before).amax() > 0.0 {
+        // A warm start may be infeasible: drop what comes out negative until it is not.
+        let mut x = loop {
+            let candidate = self.solve_free(f, &mut free);
+            let negative: Vec<usize> = (0..n)
+                .filter(|&j| free[j] && bounded(j) && candidate[j] <= 0.0)
+                .collect();
+            if negative.is_empty() {
+                break candidate;
+            }
+            for j in negative {
+                free[j] = false;
+            }
+        };
+        let tolerance = 1e-10 * f.amax().max(f64::MIN_POSITIVE);
+        let mut banned = vec![false; n];
+        for _ in 0..6 * n + 20 {
+            let gradient = left(self.h, f, &x);
+            let entering = (0..n)
+                .filter(|&j| !free[j] && !fixed(j) && !banned[j] && gradient[j] > tolerance)
+                .max_by(|&a, &b| gradient[a].total_cmp(&gradient[b]));
+            let Some(entering) = entering else { break };
+            free[entering] = true;
+            let before = x.clone();
+            self.step_to_feasible(f, &mut free, &mut x, &bounded);
+            // Singular or degenerate: the variable fell straight back; do not try it again before something else moved.
+            if free[entering] {
                 banned.fill(false);
+            } else {
                 banned[entering] = true;
+                if (&x - &before).amax() > 0.0 {
+                    banned.fill(false);
+                    banned[entering] = true;
+                }
+            }
+        }
+        x
+    }
+
+    /// All variables on the wrong side change sides at once, as long as there are ever fewer of them (Portugal, Judice and
+    /// Vicente, 1994). A few factorizations instead of one per variable; `None` when it does not settle, `free` is then a start
+    /// for the careful way.
+    fn exchanged(
+        &mut self,
+        f: &DVector<f64>,
+        bounded: &impl Fn(usize) -> bool,
+        free: &mut [bool],
+    ) -> Option<DVector<f64>> {
+        const PATIENCE: usize = 4;
+        let n = f.len();
+        let tolerance = 1e-10 * f.amax().max(f64::MIN_POSITIVE);
+        let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
+        for _ in 0..60 {
+            let before = free.to_vec();
+            let x = self.solve_free(f, free);
+            if before != *free {
+                return None;
+            }
+            let gradient = left(self.h, f, &x);
+            let wrong: Vec<usize> = (0..n)
+                .filter(|&j| {
+                    bounded(j)
+                        && if free[j] {
+                            x[j] <= 0.0
+                        } else {
+                            gradient[j] > tolerance
+                        }
+                })
+                .collect();
+            if wrong.is_empty() {
+                return Some(x);
+            }
+            if wrong.len() < fewest {
+                (fewest, patience) = (wrong.len(), PATIENCE);
+            } else if patience == 0 {
+                return None;
+            } else {
+                patience -= 1;
+            }
+            for j in wrong {
+                free[j] = !free[j];
+            }
+        }
+        None
+    }
+
+    /// Lawson and Hanson's inner loop: go to the unconstrained optimum of the free set, or as far as the bounds let.
+    fn step_to_feasible(
+        &mut self,
+        f: &DVector<f64>,
+        free: &mut [bool],
+        x: &mut DVector<f64>,
+        bounded: &impl Fn(usize) -> bool,
+    ) {
+        for _ in 0..=free.len() {
+            let target = self.solve_free(f, free);
+            let blocking = |j: usize| free[j] && bounded(j) && target[j] <= 0.0;
+            let step = (0..x.len())
+                .filter(|&j| blocking(j))
+                .map(|j| x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE))
+                .fold(f64::INFINITY, f64::min);
+            if step.is_infinite() {
+                *x = target;
+                return;
+            }
+            let leaving: Vec<usize> = (0..x.len())
+                .filter(|&j| {
+                    blocking(j)
+                        && x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE) <= step * (1.0 + 1e-12)
+                })
+                .collect();
+            for j in 0..x.len() {
+                x[j] = if free[j] {
+                    x[j] + step.min(1.0) * (target[j] - x[j])
+                } else {
+                    0.0
+                };
+            }
+            for j in leaving {
+                free[j] = false;
+                x[j] = 0.0;
             }
         }
     }
-    x
-}
 
-/// All variables on the wrong side change sides at once, as long as there are ever fewer of them (Portugal, Judice and
-/// Vicente, 1994). A few factorizations instead of one per variable; `None` when it does not settle, `free` is then a start
-/// for the careful way.
-fn exchanged(
-    h: &DMatrix<f64>,
-    f: &DVector<f64>,
-    bounded: &impl Fn(usize) -> bool,
-    free: &mut [bool],
-) -> Option<DVector<f64>> {
-    const PATIENCE: usize = 4;
-    let n = f.len();
-    let tolerance = 1e-10 * f.amax().max(f64::MIN_POSITIVE);
-    let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
-    for _ in 0..60 {
-        let before = free.to_vec();
-        let x = solve_free(h, f, free);
-        if before != *free {
-            return None;
+    /// The optimum over the free variables, zero elsewhere. Variables that make the matrix singular are taken out.
+    fn solve_free(&mut self, f: &DVector<f64>, free: &mut [bool]) -> DVector<f64> {
+        let index: Vec<usize> = (0..f.len()).filter(|&j| free[j]).collect();
+        let mut x = DVector::zeros(f.len());
+        if index.is_empty() {
+            return x;
         }
-        let gradient = f - h * &x;
-        let wrong: Vec<usize> = (0..n)
-            .filter(|&j| {
-                bounded(j)
-                    && if free[j] {
-                        x[j] <= 0.0
-                    } else {
-                        gradient[j] > tolerance
+        if self.last.as_ref().is_none_or(|(last, _)| *last != index) {
+            let diagonal = index.iter().map(|&j| self.h[(j, j)].abs());
+            let ridge = 1e-13 * diagonal.fold(0.0, f64::max);
+            let Some(factor) = factor(self.h, &index, ridge) else {
+                // Not even then: leave out the last variable that came in without diagonal weight.
+                for &j in &index {
+                    if self.h[(j, j)] <= ridge {
+                        free[j] = false;
                     }
-            })
-            .collect();
-        if wrong.is_empty() {
-            return Some(x);
-        }
-        if wrong.len() < fewest {
-            (fewest, patience) = (wrong.len(), PATIENCE);
-        } else if patience == 0 {
-            return None;
-        } else {
-            patience -= 1;
-        }
-        for j in wrong {
-            free[j] = !free[j];
-        }
-    }
-    None
-}
-
-/// Lawson and Hanson's inner loop: go to the unconstrained optimum of the free set, or as far as the bounds let.
-fn step_to_feasible(
-    h: &DMatrix<f64>,
-    f: &DVector<f64>,
-    free: &mut [bool],
-    x: &mut DVector<f64>,
-    bounded: &impl Fn(usize) -> bool,
-) {
-    for _ in 0..=free.len() {
-        let target = solve_free(h, f, free);
-        let blocking = |j: usize| free[j] && bounded(j) && target[j] <= 0.0;
-        let step = (0..x.len())
-            .filter(|&j| blocking(j))
-            .map(|j| x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE))
-            .fold(f64::INFINITY, f64::min);
-        if step.is_infinite() {
-            *x = target;
-            return;
-        }
-        let leaving: Vec<usize> = (0..x.len())
-            .filter(|&j| {
-                blocking(j)
-                    && x[j] / (x[j] - target[j]).max(f64::MIN_POSITIVE) <= step * (1.0 + 1e-12)
-            })
-            .collect();
-        for j in 0..x.len() {
-            x[j] = if free[j] {
-                x[j] + step.min(1.0) * (target[j] - x[j])
-            } else {
-                0.0
+                }
+                return x;
             };
+            self.last = Some((index, factor));
         }
-        for j in leaving {
-            free[j] = false;
-            x[j] = 0.0;
+        let Some((index, factor)) = &self.last else {
+            return x;
+        };
+        let solve = |right: &[f64]| factor.solve(ColRef::from_slice(right));
+        for (&j, value) in index.iter().zip(solve(&pick(f, index)).iter()) {
+            x[j] = *value;
         }
+        // One refinement step takes the ridge's bias away.
+        let rest = left(self.h, f, &x);
+        for (&j, correction) in index.iter().zip(solve(&pick(&rest, index)).iter()) {
+            x[j] += correction;
+        }
+        x
     }
 }
 
-/// The optimum over the free variables, zero elsewhere. Variables that make the matrix singular are taken out.
-fn solve_free(h: &DMatrix<f64>, f: &DVector<f64>, free: &mut [bool]) -> DVector<f64> {
-    let index: Vec<usize> = (0..f.len()).filter(|&j| free[j]).collect();
-    let mut x = DVector::zeros(f.len());
-    if index.is_empty() {
-        return x;
-    }
+/// The factor of the part of `h` that `index` names, with a ridge; nothing where that is not positive definite.
+fn factor(h: &DMatrix<f64>, index: &[usize], ridge: f64) -> Option<Llt<f64>> {
     let n = index.len();
-    let diagonal = index.iter().map(|&j| h[(j, j)].abs());
-    let ridge = 1e-13 * diagonal.fold(0.0, f64::max);
     let mut steadied = Vec::with_capacity(n * n);
     for (k, &j) in index.iter().enumerate() {
-        let column = &h.as_slice()[j * f.len()..][..f.len()];
+        let column = &h.as_slice()[j * h.nrows()..][..h.nrows()];
         steadied.extend(index.iter().map(|&i| column[i]));
         steadied[k * n + k] += ridge;
     }
     let steadied = MatRef::from_column_major_slice(&steadied, n, n);
-    let Ok(factor) = Llt::new(steadied, Side::Lower) else {
-        // Not even then: leave out the last variable that came in without diagonal weight.
-        for &j in &index {
-            if h[(j, j)] <= ridge {
-                free[j] = false;
+    Llt::new(steadied, Side::Lower).ok()
+}
+
+/// `f - h x`.
+fn left(h: &DMatrix<f64>, f: &DVector<f64>, x: &DVector<f64>) -> DVector<f64> {
+    let mut out = f.clone();
+    if h.nrows() == 0 {
+        return out;
+    }
+    in_vectors(
+        #[inline(always)]
+        || {
+            let out = out.as_mut_slice();
+            for (column, x) in h.as_slice().chunks_exact(out.len()).zip(x.iter()) {
+                if *x != 0.0 {
+                    for (out, entry) in out.iter_mut().zip(column) {
+                        *out -= entry * x;
+                    }
+                }
             }
-        }
-        return x;
-    };
-    let solve = |right: &[f64]| factor.solve(ColRef::from_slice(right));
-    for (&j, value) in index.iter().zip(solve(&pick(f, &index)).iter()) {
-        x[j] = *value;
-    }
-    // One refinement step takes the ridge's bias away.
-    let left = f - h * &x;
-    for (&j, correction) in index.iter().zip(solve(&pick(&left, &index)).iter()) {
-        x[j] += correction;
-    }
-    x
+        },
+    );
+    out
 }
 
 fn pick(values: &DVector<f64>, index: &[usize]) -> Vec<f64> {
