@@ -25,7 +25,7 @@ use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::JointSamples;
 use attenuation::Taken;
-use design::Design;
+use design::{Design, MIDDLING};
 use valved::Valved;
 
 /// Why there is no effort model.
@@ -166,26 +166,40 @@ fn fit_full(
     let parametric = Design::new(motion, effects, None)?;
     let mut design = parametric.with_surfaces(motion, &mechanism);
     let folds = design.fold_normals();
-    let (mut smoothing, mut held_out_rms) = design.choose_smoothing(&folds);
-    let undamped = design.undamped();
-    let share = design.damping_share(&smoothing);
-    let (loaded, without) = undamped.choose_load(&folds, smoothing);
-    if without <= held_out_rms {
-        (design, smoothing, held_out_rms) = (undamped, loaded, without);
+    let effort = rms(parametric.tau.as_slice());
+    let least = |held_out_rms: f64| DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
+    let behind_valves = |design: &Design, smoothing: &[f64; 2]| {
+        let mut surfaces = mechanism.clone();
+        surfaces.set(&design.solve(smoothing).0.as_slice()[design.params..]);
+        Valved::fit(&parametric, motion, &surfaces)
+    };
+    // Valves that foretell far better than surfaces of a middling smoothing need no search for the best one.
+    let mut smoothing = MIDDLING;
+    let mut held_out_rms = design.held_out_of(&folds, &smoothing, None);
+    let mut valved = (design.damping_share(&smoothing) > least(held_out_rms))
+        .then(|| behind_valves(&design, &smoothing));
+    if !valved
+        .as_ref()
+        .is_some_and(|(valved, _)| valved.held_out_rms < FAR_BELOW * held_out_rms)
+    {
+        (smoothing, held_out_rms) = design.choose_smoothing(&folds);
+        let share = design.damping_share(&smoothing);
+        let undamped = design.undamped();
+        let (loaded, without) = undamped.choose_load(&folds, smoothing);
+        if without <= held_out_rms {
+            (design, smoothing, held_out_rms) = (undamped, loaded, without);
+        }
+        valved = (share > least(held_out_rms))
+            .then(|| valved.unwrap_or_else(|| behind_valves(&design, &smoothing)));
     }
     let mut exact = None;
-    let effort = rms(parametric.tau.as_slice());
-    let least = DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
-    if share > least {
-        let (surfaces, _) = design.solve(&smoothing);
-        mechanism.set(&surfaces.as_slice()[design.params..]);
-        let (valved, near) = Valved::fit(&parametric, motion, &mechanism);
-        if valved.held_out_rms < VALVED_BELOW * held_out_rms {
-            design = near;
-            exact = Some((valved.theta.clone(), valved.predicted(&design, &parametric)));
-            (mechanism, smoothing, held_out_rms) =
-                (valved.mechanism, valved.smoothing, valved.held_out_rms);
-        }
+    if let Some((valved, near)) = valved
+        && valved.held_out_rms < VALVED_BELOW * held_out_rms
+    {
+        design = near;
+        exact = Some((valved.theta.clone(), valved.predicted(&design, &parametric)));
+        (mechanism, smoothing, held_out_rms) =
+            (valved.mechanism, valved.smoothing, valved.held_out_rms);
     }
     let (solution, mut covariance) = design.solve(&smoothing);
     let params = design.params;
@@ -257,6 +271,8 @@ fn fit_full(
 
 /// Valves must do so much better on held-out strokes than surfaces.
 const VALVED_BELOW: f64 = 0.97;
+/// Valves that do so much better do better than surfaces of any smoothing.
+const FAR_BELOW: f64 = 0.6;
 /// Valves are tried when the damping is at least this share of the effort,
 const DAMPED_ABOVE: f64 = 0.05;
 /// and this share of what is left: edges and valves of less are not seen.

@@ -172,5 +172,24 @@ pub fn markdown(results: &[Forms]) -> String {
             mlp.seconds / spline.seconds
         );
     }
+    out += "\nOver all seeds: root mean square of the errors on left-out strokes, sum of the times.\n\n\
+            | scenario | seeds | spline | network | spline / network | s, spline, network | spline / network |\n\
+            |---|---|---|---|---|---|---|\n";
+    for seeds in results.chunk_by(|a, b| a.scenario == b.scenario) {
+        let error = |form: fn(&Forms) -> Form| {
+            rms(&seeds.iter().map(|one| form(one).held_out).collect::<Vec<_>>())
+        };
+        let time =
+            |form: fn(&Forms) -> Form| -> f64 { seeds.iter().map(|one| form(one).seconds).sum() };
+        let [spline, mlp] = [error(|one| one.spline), error(|one| one.mlp)];
+        let [spline_s, mlp_s] = [time(|one| one.spline), time(|one| one.mlp)];
+        out += &format!(
+            "| {} | {} | {spline:.3} | {mlp:.3} | {:.2} | {spline_s:.2}, {mlp_s:.2} | 1/{:.0} |\n",
+            seeds[0].scenario,
+            seeds.len(),
+            spline / mlp,
+            mlp_s / spline_s
+        );
+    }
     out
 }

@@ -39,6 +39,8 @@ const DAMPING_EVIDENCE: f64 = 0.8;
 /// Relative smoothing of load and damping that the search tries.
 const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
+/// Smoothing that it begins with.
+pub(super) const MIDDLING: [f64; 2] = [0.01, 0.1];
 
 impl Design {
     /// The columns of `effects` and the mechanism on a prepared motion.
@@ -173,7 +175,7 @@ impl Design {
 
     /// The threshold from the residual of a fit without one.
     fn set_threshold(&mut self) {
-        let h = self.penalized(&self.gram, &[0.01, 0.1], 1.0);
+        let h = self.penalized(&self.gram, &MIDDLING, 1.0);
         let x = bounded_quadratic(
             &self.scaled(&h),
             &self.right.component_div(&self.scale),
@@ -236,7 +238,7 @@ impl Design {
 
     /// Smoothing with the least held-out error, and that error. One strength after the other, twice.
     pub(super) fn choose_smoothing(&self, folds: &[Fold]) -> ([f64; 2], f64) {
-        self.choose_among(folds, [0.01, 0.1], [&LOAD_GRID, &DAMPING_GRID])
+        self.choose_among(folds, MIDDLING, [&LOAD_GRID, &DAMPING_GRID])
     }
 
     /// As [`Design::choose_smoothing`], of the load only.
@@ -432,7 +434,7 @@ impl Design {
     }
 
     /// `warm` names the coefficients that are first taken as not at their bound.
-    fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2], warm: Option<&[bool]>) -> f64 {
+    pub(super) fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2], warm: Option<&[bool]>) -> f64 {
         let mut square = 0.0;
         let mut samples = 0;
         let mut warm = warm.map(<[bool]>::to_vec);

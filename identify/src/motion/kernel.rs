@@ -150,8 +150,9 @@ pub struct SparseColumns {
     stretches: Vec<Stretch>,
     /// Of all stretches, one after the other.
     columns: Vec<usize>,
-    /// Of all samples, one after the other: as many as it takes for the columns of the sample's stretch.
-    rows: Vec<[f64; WIDTH]>,
+    /// The first, the next, ... values of each sample, as many levels as it takes for the columns of its stretch.
+    levels: Vec<Vec<[f64; WIDTH]>>,
+    samples: usize,
 }
 
 /// Samples in a row at which the same columns are not zero.
@@ -159,55 +160,63 @@ pub struct SparseColumns {
 struct Stretch {
     samples: Range<usize>,
     columns: Range<usize>,
-    first_row: usize,
 }
 
-/// Columns of a row.
+/// Values of a level.
 const WIDTH: usize = 4;
 /// Samples whose filtered rows are made in one go.
 const TOGETHER: usize = 16;
-
-impl Stretch {
-    fn rows_per_sample(&self) -> usize {
-        self.columns.len().div_ceil(WIDTH)
-    }
-}
 
 impl SparseColumns {
     /// No sample yet; room for `samples` with `each` entries.
     #[must_use]
     pub fn with_capacity(samples: usize, each: usize) -> Self {
+        let level = || Vec::with_capacity(samples);
         Self {
-            rows: Vec::with_capacity(samples * each.div_ceil(WIDTH)),
+            levels: (0..each.div_ceil(WIDTH)).map(|_| level()).collect(),
             ..Self::default()
         }
     }
 
     /// Adds the next sample's columns and values.
     pub fn push(&mut self, entries: impl IntoIterator<Item = (usize, f64)>) {
-        let (first_column, first_row) = (self.columns.len(), self.rows.len());
-        for (k, (column, value)) in entries.into_iter().enumerate() {
-            if k % WIDTH == 0 {
-                self.rows.push([0.0; WIDTH]);
-            }
+        let (first_column, sample) = (self.columns.len(), self.samples);
+        let mut row = [0.0; WIDTH];
+        let mut count = 0;
+        for (column, value) in entries {
+            row[count % WIDTH] = value;
             self.columns.push(column);
-            if let Some(row) = self.rows.last_mut() {
-                row[k % WIDTH] = value;
+            count += 1;
+            if count.is_multiple_of(WIDTH) {
+                self.set(count / WIDTH - 1, sample, row);
+                row = [0.0; WIDTH];
             }
         }
+        if !count.is_multiple_of(WIDTH) {
+            self.set(count / WIDTH, sample, row);
+        }
         let own = first_column..self.columns.len();
-        let next = self.stretches.last().map_or(0, |last| last.samples.end);
         match self.stretches.last_mut() {
             Some(last) if self.columns[last.columns.clone()] == self.columns[own.clone()] => {
                 last.samples.end += 1;
                 self.columns.truncate(first_column);
             }
             _ => self.stretches.push(Stretch {
-                samples: next..next + 1,
+                samples: sample..sample + 1,
                 columns: own,
-                first_row,
             }),
         }
+        self.samples += 1;
+    }
+
+    fn set(&mut self, level: usize, sample: usize, row: [f64; WIDTH]) {
+        if level == self.levels.len() {
+            self.levels.push(Vec::new());
+        }
+        let rows = &mut self.levels[level];
+        // Samples without so many columns have nothing there.
+        rows.resize(sample, [0.0; WIDTH]);
+        rows.push(row);
     }
 
     /// Filtered at `kept` (ascending) without the samples that are not of `slides`, (kept, columns).
@@ -269,13 +278,10 @@ impl SparseColumns {
         let all = self.stretches[near..].iter();
         for stretch in all.take_while(|stretch| stretch.samples.start < to) {
             let samples = stretch.samples.start.max(from)..stretch.samples.end.min(to);
-            let each = stretch.rows_per_sample();
-            let columns = &self.columns[stretch.columns.clone()];
-            let first = stretch.first_row + (samples.start - stretch.samples.start) * each;
             let weights = &weights[samples.start - from..samples.end - from];
-            let rows = &self.rows[first..first + weights.len() * each];
-            for (k, columns) in columns.chunks(WIDTH).enumerate() {
-                let sums = weighted_sums(&rows[k..], each, weights);
+            let columns = self.columns[stretch.columns.clone()].chunks(WIDTH);
+            for (columns, rows) in columns.zip(&self.levels) {
+                let sums = weighted_sums(&rows[samples.clone()], weights);
                 for (&column, sum) in columns.iter().zip(sums) {
                     out[column] += sum;
                 }
@@ -284,22 +290,21 @@ impl SparseColumns {
     }
 }
 
-/// The sum of every `each`-th row, weighted; four sums are carried side by side, so that none waits for the one before.
+/// The sum of all rows, weighted; four sums are carried side by side, so that none waits for the one before.
 #[inline(always)]
-fn weighted_sums(rows: &[[f64; WIDTH]], each: usize, weights: &[f64]) -> [f64; WIDTH] {
+fn weighted_sums(rows: &[[f64; WIDTH]], weights: &[f64]) -> [f64; WIDTH] {
     let mut sums = [[0.0; WIDTH]; 4];
-    let (fours, rest) = weights.as_chunks::<4>();
-    for (weights, rows) in fours.iter().zip(rows.chunks(4 * each)) {
-        for (l, (sums, weight)) in sums.iter_mut().zip(weights).enumerate() {
-            for (sum, entry) in sums.iter_mut().zip(&rows[l * each]) {
+    let ((rows, last), (weights, rest)) = (rows.as_chunks::<4>(), weights.as_chunks::<4>());
+    for (rows, weights) in rows.iter().zip(weights) {
+        for ((sums, row), weight) in sums.iter_mut().zip(rows).zip(weights) {
+            for (sum, entry) in sums.iter_mut().zip(row) {
                 *sum += entry * weight;
             }
         }
     }
     let [mut first, second, third, fourth] = sums;
-    let rows = rows.chunks(each).skip(4 * fours.len());
-    for (weight, rows) in rest.iter().zip(rows) {
-        for (sum, entry) in first.iter_mut().zip(&rows[0]) {
+    for (row, weight) in last.iter().zip(rest) {
+        for (sum, entry) in first.iter_mut().zip(row) {
             *sum += entry * weight;
         }
     }
