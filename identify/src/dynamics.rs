@@ -9,6 +9,7 @@ mod attenuation;
 mod design;
 mod joint;
 mod structure;
+mod turns;
 mod valved;
 
 pub use joint::JointFit;
@@ -213,6 +214,7 @@ fn fit_full(
     covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
         .powi(2)
         .max(1.0);
+    covariance += turns::covariance(motion, &design, &smoothing, &theta)?;
     let taken = attenuation::taken(motion, &design, &smoothing, &theta)?;
     if let Taken::Some(given) = &taken {
         covariance = given.widened(&covariance);

@@ -110,6 +110,8 @@ pub struct Motion {
     pub ddq: Vec<f64>,
     /// Velocity smoothed less, as far as the position's noise allows: for the moments at which the joint turns.
     pub turning: Vec<f64>,
+    /// Cut-off of its smoothing, Hz.
+    pub turning_hz: f64,
     /// Sign of `turning`, averaged over the half steps around each sample.
     pub sign: Vec<f64>,
     /// Effort through the anti-alias filter only.
@@ -243,7 +245,7 @@ impl Motion {
         })?;
         let dq = by_run(&work.runs, &q, |part| Ok(first_derivative(part, period)))?;
         let ddq = by_run(&work.runs, &q, |part| Ok(second_derivative(part, period)))?;
-        let turning = turn::velocity(&work, [&dq, &ddq], 2.0 * cutoff, period)?;
+        let (turning, turning_hz) = turn::velocity(&work, [&dq, &ddq], 2.0 * cutoff, period)?;
         let filter = LowPass::butterworth(settings.order, cutoff, work_rate)?;
         let motion = Self {
             kind: samples.kind,
@@ -256,6 +258,7 @@ impl Motion {
             dq,
             ddq,
             turning,
+            turning_hz,
             tau: work.tau,
             q_measured: work.q,
             noise_of_q: work.noise,

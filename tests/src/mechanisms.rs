@@ -177,7 +177,10 @@ pub fn markdown(results: &[Forms]) -> String {
             |---|---|---|---|---|---|---|\n";
     for seeds in results.chunk_by(|a, b| a.scenario == b.scenario) {
         let error = |form: fn(&Forms) -> Form| {
-            rms(&seeds.iter().map(|one| form(one).held_out).collect::<Vec<_>>())
+            rms(&seeds
+                .iter()
+                .map(|one| form(one).held_out)
+                .collect::<Vec<_>>())
         };
         let time =
             |form: fn(&Forms) -> Form| -> f64 { seeds.iter().map(|one| form(one).seconds).sum() };

@@ -434,7 +434,12 @@ impl Design {
     }
 
     /// `warm` names the coefficients that are first taken as not at their bound.
-    pub(super) fn held_out_of(&self, folds: &[Fold], smoothing: &[f64; 2], warm: Option<&[bool]>) -> f64 {
+    pub(super) fn held_out_of(
+        &self,
+        folds: &[Fold],
+        smoothing: &[f64; 2],
+        warm: Option<&[bool]>,
+    ) -> f64 {
         let mut square = 0.0;
         let mut samples = 0;
         let mut warm = warm.map(<[bool]>::to_vec);

@@ -438,6 +438,36 @@ fn what_a_soft_stop_carries_is_in_no_sample_of_the_fit_and_what_a_catch_takes_is
 }
 
 #[test]
+fn friction_that_turns_late_is_within_what_is_stated_or_left_out() {
+    let rough = Object {
+        inertia: 0.5,
+        coulomb: 6.0,
+        ..PLAIN
+    };
+    let samples = record(&rough, 40.0, [1e-5, 2e-3], 5);
+    let mut late = samples.clone();
+    let way = |i: usize| probing(samples.time[i], 1.2)[1].signum();
+    for i in 2..late.tau.len() {
+        late.tau[i] += rough.coulomb * (way(i - 2) - way(i));
+    }
+    let fit = |samples: &JointSamples, leave_out: bool| {
+        let mut motion = Motion::prepare(samples, &MotionSettings::default()).unwrap();
+        if leave_out {
+            motion.leave_out_turns();
+        }
+        let fit = fit_with_mechanism(&motion, &[&RigidBody]).unwrap();
+        (fit.value("inertia").unwrap(), fit.std("inertia").unwrap())
+    };
+    let [(on_time, std), (too_late, _)] = [&samples, &late].map(|one| fit(one, false));
+    let moved = (too_late - on_time).abs();
+    // By 2 ms, here two to three standard deviations.
+    assert!((1.5..3.5).contains(&(moved / std)), "{moved} {std}");
+    let [(on_time, sure), (too_late, _)] = [&samples, &late].map(|one| fit(one, true));
+    assert!((too_late - on_time).abs() < 0.2 * moved);
+    assert!(sure < 0.5 * std, "{sure} {std}");
+}
+
+#[test]
 fn what_position_noise_takes_from_the_inertia_is_given_back() {
     let (mut found, mut untold) = (Vec::new(), Vec::new());
     for seed in 0..4 {

@@ -276,12 +276,10 @@ mod tests {
         let y = DMatrix::from_fn(3 * n, n, |_, _| StandardNormal.sample(&mut rng));
         let tau = DVector::from_fn(3 * n, |_, _| StandardNormal.sample(&mut rng));
         let bounds = (0..n)
-            .map(|j| {
-                if j % 3 == 0 {
-                    Bound::Free
-                } else {
-                    Bound::NonNegative
-                }
+            .map(|j| match j % 7 {
+                0 | 3 => Bound::Free,
+                5 => Bound::Zero,
+                _ => Bound::NonNegative,
             })
             .collect();
         (y.transpose() * &y, y.transpose() * tau, bounds)
@@ -302,8 +300,21 @@ mod tests {
                         prop_assert!(x[j] >= 0.0 && gradient[j] > -small);
                         prop_assert!((x[j] * gradient[j]).abs() < small * (1.0 + x[j]));
                     }
+                    Bound::Zero => prop_assert!(x[j] == 0.0),
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_second_minimum_of_the_same_matrix_is_that_of_a_first() {
+        let (h, f, bounds) = problem(7, 12);
+        let mut twice = Quadratic::new(&h);
+        twice.minimum(&(&f * -0.3), &bounds, None);
+        for other in [f.clone(), &f * 2.0, -&f] {
+            let again = twice.minimum(&other, &bounds, None);
+            let first = bounded_quadratic(&h, &other, &bounds, None);
+            assert!((again - first).amax() < 1e-10 * f.amax());
         }
     }
 

@@ -13,13 +13,13 @@ const QUICKER: [f64; 3] = [2.5, 2.0, 1.5];
 const SURE_S: f64 = 5e-3;
 
 /// The velocity whose sign friction has: smoothed as little as the position's noise allows where the joint turns, `dq` (from a
-/// coordinate smoothed at `cutoff_hz`) where it allows no less.
+/// coordinate smoothed at `cutoff_hz`) where it allows no less; and the cut-off of its smoothing, Hz.
 pub(super) fn velocity(
     work: &Work,
     [dq, ddq]: [&[f64]; 2],
     cutoff_hz: f64,
     period: f64,
-) -> Result<Vec<f64>, FilterError> {
+) -> Result<(Vec<f64>, f64), FilterError> {
     let acceleration = rms(ddq);
     for factor in QUICKER {
         let hz = factor * cutoff_hz;
@@ -37,10 +37,10 @@ pub(super) fn velocity(
             most
         };
         if noise < SURE_S * acceleration {
-            return smooth(&filter, &work.runs, &work.q, period);
+            return Ok((smooth(&filter, &work.runs, &work.q, period)?, hz));
         }
     }
-    Ok(dq.to_vec())
+    Ok((dq.to_vec(), cutoff_hz))
 }
 
 fn smooth(

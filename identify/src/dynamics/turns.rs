@@ -1,0 +1,36 @@
+//! What is not known of when the joint turns: Coulomb friction changes its sign then, and friction that turns late looks like inertia.
+//!
+//! Where the tracker is good the turns are left out of the fit and their instants do not matter. Where it is not, they stay in, and a
+//! joint that sticks for some ms as it turns, seen through a smoothed velocity, turns late each time.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::design::Design;
+use crate::motion::{Motion, MotionError};
+
+/// What turns may be late by, all alike: one standard deviation, in periods of the cut-off of the velocity they are seen by.
+const LATE: f64 = 0.024;
+
+/// Covariance of the parameters, `theta`, by turns that are late: none where turns are left out.
+pub(super) fn covariance(
+    motion: &Motion,
+    design: &Design,
+    smoothing: &[f64; 2],
+    theta: &DVector<f64>,
+) -> Result<DMatrix<f64>, MotionError> {
+    let params = theta.len();
+    let Some(coulomb) = design.names.iter().position(|name| *name == "coulomb") else {
+        return Ok(DMatrix::zeros(params, params));
+    };
+    let late_s = LATE / motion.turning_hz;
+    let mut late = vec![0.0; motion.sign.len()];
+    for run in &motion.runs {
+        for i in run.start + 1..run.end {
+            late[i] = (motion.sign[i - 1] - motion.sign[i]) * late_s / motion.period;
+        }
+    }
+    let late = DVector::from_vec(motion.regressor(&late)?) * theta[coulomb];
+    let change = design.inverse_of_free(smoothing) * design.y.tr_mul(&late);
+    let change = change.rows(0, params);
+    Ok(change * change.transpose())
+}
