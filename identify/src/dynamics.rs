@@ -26,7 +26,7 @@ use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::JointSamples;
 use attenuation::Taken;
-use design::{Design, MIDDLING};
+use design::{Design, LOAD_GRID, MIDDLING};
 use valved::Valved;
 
 /// Why there is no effort model.
@@ -174,15 +174,18 @@ fn fit_full(
         surfaces.set(&design.solve(smoothing).0.as_slice()[design.params..]);
         Valved::fit(&parametric, motion, &surfaces)
     };
-    // Valves that foretell far better than surfaces of a middling smoothing need no search for the best one.
+    // Valves that foretell far better than surfaces of some smoothings are taken without a search for the best one.
     let mut smoothing = MIDDLING;
     let mut held_out_rms = design.held_out_of(&folds, &smoothing, None);
     let mut valved = (design.damping_share(&smoothing) > least(held_out_rms))
         .then(|| behind_valves(&design, &smoothing));
-    if !valved
-        .as_ref()
-        .is_some_and(|(valved, _)| valved.held_out_rms < FAR_BELOW * held_out_rms)
-    {
+    let far_better = |(valved, _): &(Valved, Design)| {
+        let tried = [valved.smoothing[0], LOAD_GRID[0]].map(|load| [load, MIDDLING[1]]);
+        let surfaces = tried.map(|tried| design.held_out_of(&folds, &tried, None));
+        let least = surfaces.into_iter().fold(held_out_rms, f64::min);
+        valved.held_out_rms < FAR_BELOW * least
+    };
+    if !valved.as_ref().is_some_and(far_better) {
         (smoothing, held_out_rms) = design.choose_smoothing(&folds);
         let share = design.damping_share(&smoothing);
         let undamped = design.undamped();
@@ -225,7 +228,7 @@ fn fit_full(
             .map(|((value, change), bound)| match bound {
                 Bound::Free => value + change,
                 Bound::NonNegative if value > 0.0 => (value + change).max(0.0),
-                Bound::NonNegative | Bound::Zero => value,
+                Bound::NonNegative => value,
             })
             .collect();
         theta.copy_from_slice(&changed[..params]);
@@ -273,7 +276,7 @@ fn fit_full(
 
 /// Valves must do so much better on held-out strokes than surfaces.
 const VALVED_BELOW: f64 = 0.97;
-/// Valves that do so much better do better than surfaces of any smoothing.
+/// Valves that do so much better than surfaces of three smoothings of the load are taken to do better than those of any.
 const FAR_BELOW: f64 = 0.6;
 /// Valves are tried when the damping is at least this share of the effort,
 const DAMPED_ABOVE: f64 = 0.05;

@@ -110,7 +110,7 @@ pub struct Motion {
     pub ddq: Vec<f64>,
     /// Velocity smoothed less, as far as the position's noise allows: for the moments at which the joint turns.
     pub turning: Vec<f64>,
-    /// Cut-off of its smoothing, Hz.
+    /// Cut-off of its smoothing, Hz; of the measured coordinate's in a motion that a fit gave.
     pub turning_hz: f64,
     /// Sign of `turning`, averaged over the half steps around each sample.
     pub sign: Vec<f64>,

@@ -185,6 +185,8 @@ impl<R: Read + Seek> RecordReader<R> {
     /// As [`RecordReader::next_record`].
     pub(crate) fn next_batch(&mut self, batch: &mut Batch) -> Result<bool, ReadError> {
         batch.bytes.clear();
+        // One long record takes no memory for good.
+        batch.bytes.shrink_to(2 * BATCH);
         batch.records.clear();
         while batch.bytes.len() < BATCH {
             let found = self.advance().map_err(|error| self.io_error(error))?;

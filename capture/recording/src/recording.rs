@@ -145,7 +145,7 @@ pub struct KnownFrames {
 }
 
 /// Batches of records that wait to be sorted.
-const BATCHES_AHEAD: usize = 2;
+const BATCHES_AHEAD: usize = 1;
 
 /// Reads a file's records into batches, in memory of `spent` ones where there is any, and gives what is wrong with the file.
 fn read_batches(

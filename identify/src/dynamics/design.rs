@@ -37,7 +37,7 @@ pub(super) struct Design {
 const DAMPING_EVIDENCE: f64 = 0.8;
 
 /// Relative smoothing of load and damping that the search tries.
-const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
+pub(super) const LOAD_GRID: [f64; 7] = [1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 const DAMPING_GRID: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 100.0];
 /// Smoothing that it begins with.
 pub(super) const MIDDLING: [f64; 2] = [0.01, 0.1];
@@ -513,17 +513,13 @@ impl Design {
     ) -> (DVector<f64>, Vec<bool>) {
         let held = (right - &self.threshold * share).component_div(&self.scale);
         let mut quadratic = Quadratic::new(scaled);
-        let mut out = quadratic.minimum(&held, &self.bounds, warm);
+        let mut out = quadratic.minimum(&held, &self.bounds, warm, |_| false);
         let let_in: Vec<bool> = out.iter().map(|v| *v != 0.0).collect();
         if self.threshold.amax() > 0.0 {
-            let mut bounds = self.bounds.clone();
-            for (j, bound) in bounds.iter_mut().enumerate() {
-                if !let_in[j] && self.threshold[j] > 0.0 {
-                    *bound = Bound::Zero;
-                }
-            }
             let target = right.component_div(&self.scale);
-            out = quadratic.minimum(&target, &bounds, Some(&vec![true; out.len()]));
+            let kept_out = |j: usize| !let_in[j] && self.threshold[j] > 0.0;
+            let all = vec![true; out.len()];
+            out = quadratic.minimum(&target, &self.bounds, Some(&all), kept_out);
         }
         out.component_div_assign(&self.scale);
         (out, let_in)

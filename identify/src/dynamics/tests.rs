@@ -460,7 +460,7 @@ fn friction_that_turns_late_is_within_what_is_stated_or_left_out() {
     };
     let [(on_time, std), (too_late, _)] = [&samples, &late].map(|one| fit(one, false));
     let moved = (too_late - on_time).abs();
-    // By 2 ms, here two to three standard deviations.
+    // By 2 ms: some standard deviations.
     assert!((1.5..3.5).contains(&(moved / std)), "{moved} {std}");
     let [(on_time, sure), (too_late, _)] = [&samples, &late].map(|one| fit(one, true));
     assert!((too_late - on_time).abs() < 0.2 * moved);

@@ -1,7 +1,8 @@
 //! What is not known of when the joint turns: Coulomb friction changes its sign then, and friction that turns late looks like inertia.
 //!
-//! Where the tracker is good the turns are left out of the fit and their instants do not matter. Where it is not, they stay in, and a
-//! joint that sticks for some ms as it turns, seen through a smoothed velocity, turns late each time.
+//! Where turns are left out of the fit their instants do not matter. Where they stay in (a noisy tracker, a fit that foretells better with
+//! them), a joint that sticks for some ms as it turns, seen through a smoothed velocity, turns late each time. Meant is the friction of
+//! the rigid body; effects that change it as the joint turns are not counted.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -30,6 +31,9 @@ pub(super) fn covariance(
         }
     }
     let late = DVector::from_vec(motion.regressor(&late)?) * theta[coulomb];
+    if late.amax() == 0.0 {
+        return Ok(DMatrix::zeros(params, params));
+    }
     let change = design.inverse_of_free(smoothing) * design.y.tr_mul(&late);
     let change = change.rows(0, params);
     Ok(change * change.transpose())
