@@ -4,6 +4,8 @@
 //! the sensor's origin `s`, all in `world`: `tau = omega . (m + (s - o) x f)` for an axis through `o`, `tau = v . f` for a
 //! slide. What does no work (forces across the path, moments across the axis) is reported: it grows when the axis is wrong.
 
+mod coordinate;
+
 use core::ops::Range;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -11,12 +13,12 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::MotionError;
-use crate::noise::acceleration_noise;
-use crate::parallel::{both, in_parallel};
+use crate::parallel::in_parallel;
 use crate::payload::{Payload, Since, sensor_origin};
 use crate::samples::{Aside, Change, JointSamples, Lean, opening_sign};
-use crate::screw::{JointKind, PoseSamples, ScrewAxis, angles, perpendiculars};
+use crate::screw::{JointKind, PoseSamples, ScrewAxis, perpendiculars};
 use crate::tool::{ToolKinematics, ToolSamples};
+use coordinate::Coordinate;
 
 /// Root mean squares of the part of the contact wrench that does no work.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -312,119 +314,4 @@ impl Work {
             tool_inertia: payload.mass_kg * ways / index.len().max(1) as f64,
         }
     }
-}
-
-struct Coordinate {
-    q: Vec<f64>,
-    noise: Vec<Vec<f64>>,
-    /// See [`Aside::beside`].
-    beside: Vec<Vec<f64>>,
-    acceleration: [Option<f64>; 2],
-}
-
-impl Coordinate {
-    fn of(
-        tool: &ToolSamples,
-        index: &[usize],
-        path: &[Point3<f64>],
-        runs: &[Range<usize>],
-        joint: &RefinedJoint,
-        cutoff_hz: f64,
-    ) -> Result<Self, MotionError> {
-        let axis = &joint.axis;
-        let direction = axis.direction.into_inner();
-        if axis.kind == JointKind::Prismatic {
-            let (first, second) = perpendiculars(&axis.direction);
-            let across = |e: Vector3<f64>| {
-                path.iter()
-                    .map(|p| e.dot(&(p - joint.tool_position)))
-                    .collect::<Vec<f64>>()
-            };
-            let noise = vec![across(first), across(second)];
-            let acceleration = mean_noise(&noise, runs, tool.period, cutoff_hz)?;
-            let q = path
-                .iter()
-                .map(|p| direction.dot(&(p - joint.tool_position)))
-                .collect();
-            return Ok(Self {
-                q,
-                noise,
-                beside: Vec::new(),
-                acceleration: [Some(acceleration), None],
-            });
-        }
-        let radius = axis.distance(&joint.tool_position).max(1e-3);
-        let height = direction.dot(&(joint.tool_position - axis.point));
-        let noise = || -> Result<_, MotionError> {
-            let across: Vec<Vec<f64>> = vec![
-                path.iter()
-                    .map(|p| (direction.dot(&(p - axis.point)) - height) / radius)
-                    .collect(),
-                path.iter()
-                    .map(|p| (axis.distance(p) - radius) / radius)
-                    .collect(),
-            ];
-            let size = mean_noise(&across, runs, tool.period, cutoff_hz)?;
-            Ok((across, size))
-        };
-        let (noise, by_position) = both(noise, || angles(path, axis));
-        let (position_noise, from_position) = noise?;
-        if !joint.uses_rotations {
-            return Ok(Self {
-                q: by_position,
-                noise: position_noise,
-                beside: Vec::new(),
-                acceleration: [Some(from_position), None],
-            });
-        }
-        let (first, second) = perpendiculars(&axis.direction);
-        // Angle of the first position from the joint's origin, so that both angles count from one place.
-        let start = path
-            .first()
-            .map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
-        let samples: Vec<(usize, f64)> = index.iter().copied().zip(by_position.clone()).collect();
-        let rests = in_parallel(&samples, |(i, q)| {
-            let expected = axis.motion(start + q).rotation * joint.tool_rotation;
-            (tool.rotation[*i] * expected.inverse()).scaled_axis()
-        });
-        let part = |e: Vector3<f64>| rests.iter().map(move |rest| rest.dot(&e));
-        let turned = by_position.iter().zip(part(direction));
-        let by_rotation: Vec<f64> = turned.map(|(q, rest)| q + rest).collect();
-        let tilts: Vec<Vec<f64>> = vec![part(first).collect(), part(second).collect()];
-        let from_rotation = mean_noise(&tilts, runs, tool.period, cutoff_hz)?;
-        let share = 1.0 / (1.0 + (from_position / from_rotation.max(1e-12)).powi(2));
-        let mix = |a: &[f64], b: &[f64]| {
-            a.iter()
-                .zip(b)
-                .map(|(a, b)| share * a + (1.0 - share) * b)
-                .collect()
-        };
-        Ok(Self {
-            q: mix(&by_position, &by_rotation),
-            noise: vec![
-                mix(&position_noise[0], &tilts[0]),
-                mix(&position_noise[1], &tilts[1]),
-            ],
-            beside: position_noise,
-            acceleration: [Some(from_position), Some(from_rotation)],
-        })
-    }
-}
-
-/// Acceleration noise over all series and runs, root mean square.
-fn mean_noise(
-    series: &[Vec<f64>],
-    runs: &[Range<usize>],
-    period: f64,
-    cutoff_hz: f64,
-) -> Result<f64, MotionError> {
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for values in series {
-        for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
-            let [acceleration, _] = acceleration_noise(&values[run.clone()], period, cutoff_hz)?;
-            sum += acceleration * acceleration * run.len() as f64;
-            weight += run.len() as f64;
-        }
-    }
-    Ok((sum / f64::max(weight, 1.0)).sqrt())
 }

@@ -12,7 +12,7 @@
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
 use crate::effect::slip;
-use crate::filter::{LowPass, first_derivative, second_derivative};
+use crate::filter::{LowPass, second_derivative};
 use crate::least_squares::rms;
 use crate::mechanism::{Mechanism as _, SplineMechanism};
 use crate::motion::{Motion, MotionError, Slip};
@@ -294,25 +294,18 @@ fn band_integral(motion: &Motion, weight: &dyn Fn(f64) -> f64) -> f64 {
         .sum()
 }
 
-/// Root mean square acceleration and velocity of a noise series below `cutoff_hz`, for weighing sensors by what they do to
-/// the dynamics.
+/// Acceleration of a noise series below `cutoff_hz`, away from its ends: for weighing sensors by what they do to the dynamics.
 ///
 /// # Errors
 /// When the series is too short.
-pub fn acceleration_noise(
+pub(crate) fn acceleration_below(
     series: &[f64],
     period: f64,
     cutoff_hz: f64,
-) -> Result<[f64; 2], MotionError> {
+) -> Result<Vec<f64>, MotionError> {
     let rate = 1.0 / period;
     let filter = LowPass::butterworth(4, cutoff_hz.min(0.2 * rate), rate)?;
-    let smooth = filter.zero_phase_settled(series)?;
-    let middle = |x: Vec<f64>| {
-        let edge = (x.len() / 20).min((rate * 0.5) as usize);
-        rms(&x[edge..x.len() - edge])
-    };
-    Ok([
-        middle(second_derivative(&smooth, period)),
-        middle(first_derivative(&smooth, period)),
-    ])
+    let acceleration = second_derivative(&filter.zero_phase_settled(series)?, period);
+    let edge = (series.len() / 20).min((rate * 0.5) as usize);
+    Ok(acceleration[edge..acceleration.len() - edge].to_vec())
 }
