@@ -44,9 +44,6 @@ pub struct JointEffort {
     pub path: Vec<Point3<f64>>,
     /// What does no work.
     pub nonwork: NonWork,
-    /// Noise of the coordinate from positions and from orientations, as acceleration below the fit's cut-off, rad/s^2 or
-    /// m/s^2; the second is there when orientations were used.
-    pub acceleration_noise: [Option<f64>; 2],
 }
 
 /// Positions and rotations of the held part, block means at about `rate_hz`, for kinematics.
@@ -187,7 +184,6 @@ pub fn joint_effort(
         tool_position: tool_position.into(),
         path,
         nonwork: work.nonwork,
-        acceleration_noise: coordinate.acceleration,
     })
 }
 

@@ -159,13 +159,14 @@ pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, Motio
 }
 
 /// Stretches over which noise is compared, s, and the share of the median square beyond which one is no noise.
-const STRETCH_S: f64 = 1.0;
-const UNUSUAL: f64 = 12.0;
+pub(crate) const STRETCH_S: f64 = 1.0;
+pub(crate) const UNUSUAL: f64 = 12.0;
 
 /// Time about a slip within which the pose across the path is no noise, as far as the filters carry what it slid by, s.
 const NO_NOISE_S: f64 = 0.4;
 
-/// A hinge's effort is a force times a lever, and the lever is read off the same positions.
+/// A hinge's effort is a force times a lever, and the lever is read off the same positions: its relative error is taken to be as large
+/// as the coordinate's, rad.
 fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     if motion.kind != JointKind::Revolute {
         return Ok(0.0);

@@ -7,18 +7,17 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::MotionError;
-use crate::noise::acceleration_below;
+use crate::noise::{STRETCH_S, UNUSUAL, acceleration_below};
 use crate::parallel::{both, in_parallel};
+use crate::samples::quantile;
 use crate::screw::{JointKind, angles, perpendiculars};
 use crate::tool::ToolSamples;
 
 pub(super) struct Coordinate {
     pub(super) q: Vec<f64>,
     pub(super) noise: Vec<Vec<f64>>,
-    /// See [`Aside::beside`].
+    /// See [`Aside::beside`](crate::samples::Aside::beside).
     pub(super) beside: Vec<Vec<f64>>,
-    /// See [`JointEffort::acceleration_noise`](super::JointEffort::acceleration_noise).
-    pub(super) acceleration: [Option<f64>; 2],
 }
 
 impl Coordinate {
@@ -34,46 +33,32 @@ impl Coordinate {
         let direction = axis.direction.into_inner();
         if axis.kind == JointKind::Prismatic {
             let (first, second) = perpendiculars(&axis.direction);
-            let across = |e: Vector3<f64>| {
-                path.iter()
-                    .map(|p| e.dot(&(p - joint.tool_position)))
-                    .collect::<Vec<f64>>()
+            let along = |e: Vector3<f64>| -> Vec<f64> {
+                let way = path.iter().map(|p| e.dot(&(p - joint.tool_position)));
+                way.collect()
             };
-            let noise = [across(first), across(second)];
-            let acceleration = mean_noise(&noise, runs, tool.period, cutoff_hz)?;
-            let q = path
-                .iter()
-                .map(|p| direction.dot(&(p - joint.tool_position)))
-                .collect();
             return Ok(Self {
-                q,
-                noise: noise.to_vec(),
+                q: along(direction),
+                noise: vec![along(first), along(second)],
                 beside: Vec::new(),
-                acceleration: [Some(acceleration), None],
             });
         }
         let radius = axis.distance(&joint.tool_position).max(1e-3);
         let height = direction.dot(&(joint.tool_position - axis.point));
-        let noise = || -> Result<_, MotionError> {
-            let across: [Vec<f64>; 2] = [
-                path.iter()
-                    .map(|p| (direction.dot(&(p - axis.point)) - height) / radius)
-                    .collect(),
-                path.iter()
-                    .map(|p| (axis.distance(p) - radius) / radius)
-                    .collect(),
-            ];
-            let size = mean_noise(&across, runs, tool.period, cutoff_hz)?;
-            Ok((across, size))
+        let rise = |p: &Point3<f64>| (direction.dot(&(p - axis.point)) - height) / radius;
+        let way_out = |p: &Point3<f64>| (axis.distance(p) - radius) / radius;
+        let across = || -> [Vec<f64>; 2] {
+            [
+                path.iter().map(rise).collect(),
+                path.iter().map(way_out).collect(),
+            ]
         };
-        let (noise, by_position) = both(noise, || angles(path, axis));
-        let (position_noise, from_position) = noise?;
+        let (across, by_position) = both(across, || angles(path, axis));
         if !joint.uses_rotations {
             return Ok(Self {
                 q: by_position,
-                noise: position_noise.to_vec(),
+                noise: across.to_vec(),
                 beside: Vec::new(),
-                acceleration: [Some(from_position), None],
             });
         }
         // Angle of the first position from the joint's origin, so that both angles count from one place.
@@ -82,7 +67,9 @@ impl Coordinate {
             .map_or(0.0, |p| angles(&[joint.tool_position, *p], axis)[1]);
         let samples: Vec<(usize, f64)> = index.iter().copied().zip(by_position.clone()).collect();
         let outwards = joint.tool_position - axis.point;
-        let outwards = (outwards - direction * direction.dot(&outwards)).normalize();
+        let outwards = (outwards - direction * direction.dot(&outwards))
+            .try_normalize(f64::EPSILON)
+            .unwrap_or_else(|| perpendiculars(&axis.direction).0);
         let rests = in_parallel(&samples, |(i, q)| {
             let turned = axis.motion(start + q).rotation;
             let expected = turned * joint.tool_rotation;
@@ -92,25 +79,26 @@ impl Coordinate {
         let turned = by_position.iter().zip(part(direction));
         let by_rotation: Vec<f64> = turned.map(|(q, rest)| q + rest).collect();
         let tilts = [outwards, direction.cross(&outwards)].map(|e| part(e).collect::<Vec<f64>>());
-        let shaken = |series: &[f64]| shaken(series, runs, tool.period, cutoff_hz);
-        let lever = Lever::of(&position_noise, &tilts, shaken)?;
-        let own = lever.without(&position_noise, &tilts);
-        let from_own = mean_noise(&own, runs, tool.period, cutoff_hz)?;
-        let from_rotation = mean_noise(&tilts, runs, tool.period, cutoff_hz)?;
-        let share = lever.share(from_own, from_rotation);
+        let shaken = |below_hz| Shaken::of(&across, &tilts, runs, tool.period, below_hz);
+        let (quick, slow) = both(|| shaken(ABOVE_HANDS * cutoff_hz), || shaken(cutoff_hz));
+        let lever = Lever::of(&quick?);
+        let share = lever.share(&slow?);
         let mixed = by_position.iter().zip(&by_rotation);
-        let q = mixed.map(|(a, b)| share * a + (1.0 - share) * b).collect();
         Ok(Self {
-            q,
-            noise: lever.noise(share, &own, &tilts),
-            beside: position_noise.to_vec(),
-            acceleration: [Some(from_position), Some(from_rotation)],
+            q: mixed.map(|(a, b)| share * a + (1.0 - share) * b).collect(),
+            noise: lever.noise(share, &across[0], &tilts),
+            beside: across.to_vec(),
         })
     }
 }
 
+/// How far above the fit's cut-off accelerations still tell the lever: hands and an axis slightly off shake both series below it,
+/// and the tracker alone above it.
+const ABOVE_HANDS: f64 = 4.0;
+
 /// From where the tracker's rotation acts to the TCP, over the joint's radius: what the tracker turns wrongly moves the TCP by it, so that
 /// errors of position and of rotation are not independent. Components away from the axis, along the path and along the axis.
+#[derive(Clone, Copy, Debug)]
 struct Lever {
     outwards: f64,
     ahead: f64,
@@ -118,172 +106,113 @@ struct Lever {
 }
 
 impl Lever {
-    /// From what the position across the path (`across`: along the axis and outwards, over the radius) shares with the rotations about
-    /// the directions `outwards` and `ahead`, the `tilts`, as accelerations.
-    fn of(
-        across: &[Vec<f64>; 2],
-        tilts: &[Vec<f64>; 2],
-        shaken: impl Fn(&[f64]) -> Result<Vec<f64>, MotionError>,
-    ) -> Result<Self, MotionError> {
-        let [along, outwards] = [shaken(&across[0])?, shaken(&across[1])?];
-        let [roll, pitch] = [shaken(&tilts[0])?, shaken(&tilts[1])?];
+    /// From what the position across the path shares with the tilts.
+    fn of(shaken: &Shaken) -> Self {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let gram = Matrix2::new(
-            dot(&roll, &roll),
-            dot(&roll, &pitch),
-            dot(&roll, &pitch),
-            dot(&pitch, &pitch),
-        );
+        let [up, out] = &shaken.across;
+        let [roll, pitch] = &shaken.tilts;
+        let shared = dot(roll, pitch);
+        let gram = Matrix2::new(dot(roll, roll), shared, shared, dot(pitch, pitch)).lu();
         let by_tilts = |series: &[f64]| {
-            let right = Vector2::new(dot(&roll, series), dot(&pitch, series));
-            gram.lu().solve(&right).unwrap_or_default()
+            let right = Vector2::new(dot(roll, series), dot(pitch, series));
+            gram.solve(&right).unwrap_or_default()
         };
-        let (lifted, pushed) = (by_tilts(&along), by_tilts(&outwards));
-        Ok(Self {
+        let (lifted, pushed) = (by_tilts(up), by_tilts(out));
+        Self {
             outwards: -lifted.y,
             ahead: lifted.x,
             along: pushed.y,
-        })
+        }
     }
 
-    /// The position's noise across the path less what comes from tilts; what rotation about the axis puts into it outwards stays.
-    fn without(&self, across: &[Vec<f64>; 2], [roll, pitch]: &[Vec<f64>; 2]) -> [Vec<f64>; 2] {
-        let [along, outwards] = across;
+    /// The position's own noise, over the radius: that along the axis less what comes from tilts. (Outwards, rotation about the axis
+    /// has a part that tilts do not show.)
+    fn own(&self, up: &[f64], [roll, pitch]: &[Vec<f64>; 2]) -> Vec<f64> {
         let tilts = roll.iter().zip(pitch);
-        let along = along.iter().zip(tilts);
-        let along = along.map(|(v, (roll, pitch))| v - self.ahead * roll + self.outwards * pitch);
-        let outwards = outwards.iter().zip(pitch);
-        let outwards = outwards.map(|(v, pitch)| v - self.along * pitch);
-        [along.collect(), outwards.collect()]
+        let all = up.iter().zip(tilts);
+        all.map(|(up, (roll, pitch))| up - self.ahead * roll + self.outwards * pitch)
+            .collect()
     }
 
     /// The weight of the angle by positions beside that by rotations which leaves least noise: the positions' own, over the radius, and
     /// the rotations', which is in both.
-    fn share(&self, own: f64, rotation: f64) -> f64 {
-        let (own, rotation) = (own.powi(2), rotation.powi(2).max(f64::MIN_POSITIVE));
+    fn share(&self, shaken: &Shaken) -> f64 {
+        let own = rms(&self.own(&shaken.across[0], &shaken.tilts)).powi(2);
+        let [roll, pitch] = shaken.tilts.each_ref().map(|tilt| rms(tilt).powi(2));
+        let rotation = (0.5 * (roll + pitch)).max(f64::MIN_POSITIVE);
         let apart = 1.0 - self.outwards;
         let both = own + rotation * (apart.powi(2) + self.along.powi(2));
-        (rotation * apart / both).max(0.0)
+        (rotation * apart / both).clamp(0.0, 1.0)
     }
 
-    /// Two series with the noise of the angle mixed so: that of the positions across the path in place of theirs along it, and the tilts
-    /// in place of each other and of the rotation about the axis.
-    fn noise(
-        &self,
-        share: f64,
-        own: &[Vec<f64>; 2],
-        [roll, pitch]: &[Vec<f64>; 2],
-    ) -> Vec<Vec<f64>> {
+    /// Two series with the noise of the angle mixed so: the position's own along the axis (`up`, with what the tilts make of it) in
+    /// place of that along the path, and the tilts in place of each other and of the rotation about the axis.
+    fn noise(&self, share: f64, up: &[f64], tilts: &[Vec<f64>; 2]) -> Vec<Vec<f64>> {
         let about = 1.0 - share * (1.0 - self.outwards);
         let across = share * self.along;
-        let mix = |own: &[f64], [one, other]: [&[f64]; 2]| {
-            let tilts = one.iter().zip(other);
-            let all = own.iter().zip(tilts);
+        let own = self.own(up, tilts);
+        let [roll, pitch] = tilts;
+        let mixed = |[one, other]: [&Vec<f64>; 2]| -> Vec<f64> {
+            let all = own.iter().zip(one.iter().zip(other));
             all.map(|(own, (one, other))| share * own + about * one - across * other)
                 .collect()
         };
-        vec![mix(&own[0], [pitch, roll]), mix(&own[1], [roll, pitch])]
+        vec![mixed([pitch, roll]), mixed([roll, pitch])]
     }
 }
 
-/// The accelerations of a series below the cut-off, run after run.
-fn shaken(
-    series: &[f64],
-    runs: &[Range<usize>],
-    period: f64,
-    cutoff_hz: f64,
-) -> Result<Vec<f64>, MotionError> {
-    let mut out = Vec::new();
-    for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
-        out.extend(acceleration_below(&series[run.clone()], period, cutoff_hz)?);
-    }
-    Ok(out)
+/// Accelerations below a frequency of the position across the path (along the axis and outwards, over the radius) and of the rotations
+/// about the directions outwards and ahead, away from where the tool slid.
+struct Shaken {
+    across: [Vec<f64>; 2],
+    tilts: [Vec<f64>; 2],
 }
 
-/// Acceleration noise over all series and runs, root mean square.
-fn mean_noise(
-    series: &[Vec<f64>; 2],
-    runs: &[Range<usize>],
-    period: f64,
-    cutoff_hz: f64,
-) -> Result<f64, MotionError> {
-    let mut squares = 0.0;
-    for values in series {
-        let level = rms(&shaken(values, runs, period, cutoff_hz)?);
-        squares += level * level / series.len() as f64;
+impl Shaken {
+    fn of(
+        across: &[Vec<f64>; 2],
+        tilts: &[Vec<f64>; 2],
+        runs: &[Range<usize>],
+        period: f64,
+        below_hz: f64,
+    ) -> Result<Self, MotionError> {
+        let shaken = |series: &Vec<f64>| -> Result<Vec<f64>, MotionError> {
+            let mut out = Vec::new();
+            for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
+                out.extend(acceleration_below(&series[run.clone()], period, below_hz)?);
+            }
+            Ok(out)
+        };
+        let [up, out] = across.each_ref().map(shaken);
+        let [roll, pitch] = tilts.each_ref().map(shaken);
+        let all = [up?, out?, roll?, pitch?];
+        let stretch = (STRETCH_S / period).ceil() as usize;
+        let usual = usual(&all, stretch);
+        let [up, out, roll, pitch] = all.map(|series| {
+            let stretches = series.chunks(stretch).zip(&usual);
+            let stretches = stretches.filter(|(_, usual)| **usual);
+            stretches.flat_map(|(part, _)| part).copied().collect()
+        });
+        Ok(Self {
+            across: [up, out],
+            tilts: [roll, pitch],
+        })
     }
-    Ok(squares.sqrt())
+}
+
+/// Stretches in which none of the series has many times its usual square: a tool that slides on the handle is no noise.
+fn usual(all: &[Vec<f64>; 4], stretch: usize) -> Vec<bool> {
+    let mut usual = vec![true; all[0].len().div_ceil(stretch)];
+    for series in all {
+        let squares: Vec<f64> = series.chunks(stretch).map(|s| rms(s).powi(2)).collect();
+        let most = UNUSUAL * quantile(&squares, 0.5);
+        for (usual, square) in usual.iter_mut().zip(squares) {
+            // Poses that stand still for half of the time say nothing of what is usual.
+            *usual &= square <= most || most == 0.0;
+        }
+    }
+    usual
 }
 
 #[cfg(test)]
-mod tests {
-    use core::f64::consts::SQRT_2;
-
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
-    use super::*;
-
-    const PERIOD: f64 = 1e-3;
-    const SAMPLES: usize = 60_000;
-    /// Noise of the tracker's own position over the radius, and of its rotation, rad.
-    const OWN: f64 = 4e-5;
-    const TURN: f64 = 9e-5;
-
-    fn white(random: &mut ChaCha8Rng, std: f64) -> Vec<f64> {
-        let one = |_| -> f64 { StandardNormal.sample(random) };
-        (0..SAMPLES).map(one).map(|v| std * v).collect()
-    }
-
-    fn accelerations(series: &[f64]) -> Result<Vec<f64>, MotionError> {
-        shaken(series, core::slice::from_ref(&(0..SAMPLES)), PERIOD, 6.0)
-    }
-
-    fn level(series: &[f64]) -> f64 {
-        rms(&accelerations(series).unwrap())
-    }
-
-    #[test]
-    fn what_positions_share_with_rotations_is_found_and_counted_once() {
-        let random = &mut ChaCha8Rng::seed_from_u64(3);
-        for lever in [[0.3, -0.1, 0.2], [-0.25, 0.3, 0.0], [0.0; 3]] {
-            let [outwards, ahead, along] = lever;
-            let [roll, pitch, yaw] = [(); 3].map(|()| white(random, TURN));
-            let mut moved = |a: &[f64], by_a: f64, b: &[f64], by_b: f64| -> Vec<f64> {
-                let own = white(random, OWN);
-                let all = own.iter().zip(a.iter().zip(b));
-                all.map(|(own, (a, b))| own + by_a * a + by_b * b).collect()
-            };
-            // The rotation (roll, pitch, yaw) crossed with the lever (outwards, ahead, along).
-            let up = moved(&roll, ahead, &pitch, -outwards);
-            let out = moved(&pitch, along, &yaw, -ahead);
-            let forth = moved(&yaw, outwards, &roll, -along);
-
-            let (across, tilts) = ([up, out], [roll, pitch]);
-            let found = Lever::of(&across, &tilts, accelerations).unwrap();
-            let error = [
-                found.outwards - outwards,
-                found.ahead - ahead,
-                found.along - along,
-            ];
-            assert!(error.iter().all(|e| e.abs() < 0.05), "{lever:?}: {error:?}");
-
-            let own = found.without(&across, &tilts);
-            let both = |[one, other]: [&Vec<f64>; 2]| level(one).hypot(level(other)) / SQRT_2;
-            let share = found.share(both(own.each_ref()), both(tilts.each_ref()));
-            let mixed = |share: f64| -> f64 {
-                let mixed = forth.iter().zip(&yaw);
-                let mixed = mixed.map(|(p, r)| share * p + (1.0 - share) * r);
-                level(&mixed.collect::<Vec<f64>>())
-            };
-            let truth = mixed(share);
-            let told = found.noise(share, &own, &tilts);
-            let ratio = both([&told[0], &told[1]]) / truth;
-            assert!((0.9..1.1).contains(&ratio), "{lever:?}: {ratio}");
-            for other in [share - 0.3, share + 0.3] {
-                assert!(mixed(other) > truth, "{lever:?}: {share}");
-            }
-        }
-    }
-}
+mod tests;

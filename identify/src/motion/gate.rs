@@ -81,14 +81,13 @@ pub(super) fn turns(motion: &Motion) -> Vec<bool> {
             }
         }
     }
-    let window = (TURN / motion.turning_hz / motion.period).ceil() as usize;
+    let window = (TURN_S / motion.period).ceil() as usize;
     widened(motion, &turns, window.saturating_sub(1))
 }
 
-/// How long before and after a turn friction is not known, in periods of the cut-off of the velocity that shows it: a light joint
-/// sticks for some ms, and neither when it stopped nor what friction took up meanwhile is seen through that smoothing. Friction that
-/// turns 1 ms late is 1.5 % of the inertia of a drawer of 0.8 kg.
-const TURN: f64 = 0.75;
+/// How long before and after a turn friction is not known, s: a light joint sticks for some ms, and neither when it stopped nor what
+/// friction took up meanwhile is seen through the smoothing. Friction that turns 1 ms late is 1.5 % of the inertia of a drawer of 0.8 kg.
+const TURN_S: f64 = 0.025;
 
 /// Samples about an end stop. `windows` = samples to leave out about touching it and about a blow.
 fn near_limit(motion: &Motion, windows: [usize; 2]) -> Vec<bool> {
