@@ -28,7 +28,9 @@ def main():
 
     with zenoh.open(config) as session:
         # Its one question for the history goes to whom the session knows by then.
-        time.sleep(1.5)
+        patience = time.monotonic() + 20.0
+        while not any(session.liveliness().get("0/ft/wrench/**/@adv/**")) and time.monotonic() < patience:
+            time.sleep(0.1)
         subscriber = declare_advanced_subscriber(
             session, "0/ft/wrench/**", take,
             history=HistoryConfig(detect_late_publishers=True), recovery=RecoveryConfig(heartbeat=True),
