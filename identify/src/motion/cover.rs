@@ -12,7 +12,8 @@ const NEAR: usize = 2;
 /// With fewer samples than that there is nothing to choose from.
 const LEAST: usize = 30;
 
-/// True for each kept sample when another fold went by near it in the same direction and at least as fast.
+/// True for each kept sample when other folds went by near it in the same direction and at least as fast, not all of them short of it
+/// and not all of them beyond: what begins a little further than they came, as a damper does, they do not foretell.
 pub(super) fn covered(motion: &Motion, folds: &[usize], count: usize) -> Vec<bool> {
     let q = motion.at_kept(&motion.q);
     let dq = motion.at_kept(&motion.dq);
@@ -32,12 +33,15 @@ pub(super) fn covered(motion: &Motion, folds: &[usize], count: usize) -> Vec<boo
         .zip(folds)
         .map(|((q, dq), fold)| {
             let at = bin(*q);
-            let near = at.saturating_sub(NEAR)..(at + NEAR + 1).min(BINS);
-            fastest.iter().enumerate().any(|(other, speeds)| {
-                other != *fold
-                    && speeds[usize::from(*dq < 0.0)][near.clone()]
-                        .iter()
-                        .any(|speed| *speed >= dq.abs())
+            let sides = [
+                at.saturating_sub(NEAR)..at + 1,
+                at..(at + NEAR + 1).min(BINS),
+            ];
+            sides.into_iter().all(|side| {
+                fastest.iter().enumerate().any(|(other, speeds)| {
+                    let speeds = &speeds[usize::from(*dq < 0.0)][side.clone()];
+                    other != *fold && speeds.iter().any(|speed| *speed >= dq.abs())
+                })
             })
         })
         .collect();

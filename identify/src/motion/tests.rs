@@ -256,6 +256,28 @@ fn the_one_stroke_faster_than_all_others_does_not_count_as_held_out() {
 }
 
 #[test]
+fn the_one_stroke_that_goes_further_than_all_others_does_not_count_there() {
+    let mut samples = sine(24.0, 500.0, 0.4);
+    // One period is a little wider and slower.
+    let wide: Vec<f64> = (0..2000)
+        .map(|i| 0.43 * (1.0 - (2.0 * PI * f64::from(i) / 2000.0).cos()))
+        .collect();
+    samples.q.splice(10_000..11_000, wide);
+    samples.q.truncate(12_000);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let covered = motion.covered();
+    let places = motion.at_kept(&motion.q);
+    let counted = |from: f64, to: f64| {
+        let at = places.iter().zip(&covered);
+        at.filter(|(q, covered)| (from..to).contains(*q) && **covered)
+            .count()
+    };
+    assert!(counted(0.7, 0.8) > 80);
+    assert!(places.iter().filter(|q| **q > 0.8).count() > 3);
+    assert_eq!(counted(0.8, 0.9), 0, "the others end at 0.8");
+}
+
+#[test]
 fn a_bent_path_is_no_noise_and_a_slow_wander_stays() {
     let mut samples = sine(20.0, 500.0, 0.4);
     let jitter = |i: usize| 2e-4 * (0.37 * i as f64).sin() * (0.113 * i as f64).cos();
