@@ -283,8 +283,11 @@ const DAMPED_ABOVE: f64 = 0.05;
 /// and this share of what is left: edges and valves of less are not seen.
 const SEEN_ABOVE: f64 = 0.2;
 
+/// A shorter lag, s, is left in: the shapes of mechanism and friction move the estimate by as much.
+const LEAST_LAG_S: f64 = 5e-4;
+
 /// Finds the lag of the effort behind the motion and takes it out: scan, shift, and again until it stays (see
-/// [`crate::lag`]). A lag below 1 ms or three standard deviations is reported and left in.
+/// [`crate::lag`]). A lag below half a millisecond or three standard deviations is reported and left in.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -299,7 +302,7 @@ pub fn align(
     };
     let mut moved = None;
     for _ in 0..6 {
-        if lag.value_s.abs() < 1e-3_f64.max(3.0 * lag.std_s) {
+        if lag.value_s.abs() < LEAST_LAG_S.max(3.0 * lag.std_s) {
             break;
         }
         let shifted = samples.with_effort_earlier(lag.value_s);

@@ -233,6 +233,20 @@ fn a_late_wrench_is_found_to_a_fraction_of_a_millisecond() {
 }
 
 #[test]
+fn a_lag_of_a_sample_that_stands_out_of_the_noise_is_taken_out() {
+    for (lag_ms, applied) in [(0.0, false), (0.9, true), (-0.9, true)] {
+        let samples = record(&PLAIN, 40.0, [4e-5, 0.1], 6).with_effort_earlier(-lag_ms * 1e-3);
+        let (_, _, lag) = align(&samples, &MotionSettings::default(), &[&RigidBody]).unwrap();
+        let lag = lag.unwrap();
+        assert_eq!(lag.applied, applied, "{lag:?} for {lag_ms} ms");
+        assert!(
+            (lag.value_s * 1e3 - lag_ms).abs() < 0.25,
+            "{lag:?} for {lag_ms} ms"
+        );
+    }
+}
+
+#[test]
 fn what_is_left_of_a_spring_stands_against_q() {
     let spring = Object {
         mechanism: |q, _| 8.0 * (q - 0.6),
