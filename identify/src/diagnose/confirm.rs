@@ -41,8 +41,10 @@ fn over_all(share: f64) -> bool {
     share < LEAST_PROBED || share == 1.0
 }
 
-/// An effect must bring this share of what its own size promises.
+/// An effect must bring this share of what its own size promises,
 const LEAST_SHARE: f64 = 0.25;
+/// or take away this share of the squared error there: then other effects, fitted without it, hide a part of what it brings.
+const SURE: f64 = 0.5;
 const DATUM_STEPS: i32 = 6;
 const DATUM_STEP: f64 = 0.005;
 
@@ -305,7 +307,7 @@ fn holds(
     let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
     let size_here = contribution(&diagnosis.motion, &tested, theta)?;
     let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
-    let helps = gain > 0.0 && gain >= LEAST_SHARE * expected;
+    let helps = gain > 0.0 && gain >= (LEAST_SHARE * expected).min(SURE * before * before);
     Ok((!helps).then_some([before, after]))
 }
 

@@ -76,6 +76,8 @@ const AS_WELL: f64 = 1.05;
 /// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
 const GAINED_BELOW: f64 = 0.999;
 const REPLICATES: usize = 40;
+/// What slows, and where, is one matter.
+const DAMPERS: [&str; 2] = ["damping_zone", "asymmetric_viscous"];
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
@@ -106,11 +108,8 @@ pub fn diagnose_without(
     state
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
-    for _ in 0..2 * MOST_EFFECTS {
-        if !state.step()? {
-            break;
-        }
-    }
+    state.search()?;
+    state.search_dampers_again()?;
     state.finish()
 }
 
@@ -188,6 +187,52 @@ impl State {
 
     pub(super) fn fit(&self) -> Result<EffortModel, DynamicsError> {
         fit_found(&self.ground.motion, &self.found())
+    }
+
+    fn search(&mut self) -> Result<(), DynamicsError> {
+        for _ in 0..2 * MOST_EFFECTS {
+            if !self.step()? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where something is left beside several dampers, looks for them anew beside all that was found with them: the places of the first
+    /// are chosen while what comes later is missing, and hold the others where they are.
+    fn search_dampers_again(&mut self) -> Result<(), DynamicsError> {
+        let is_damper = |(found, _): &(Found, f64)| DAMPERS.contains(&found.kind.name);
+        let dampers = self
+            .effects
+            .iter()
+            .filter(|effect| is_damper(effect))
+            .count();
+        let before = self.error()?;
+        let others = self.effects.len() - dampers;
+        if dampers < 2 || others < 2 || before < EXPLAINED_BELOW * self.floor.rms {
+            return Ok(());
+        }
+        let as_was = (
+            self.effects.clone(),
+            self.refused.clone(),
+            self.ground.curve.clone(),
+            self.floor.clone(),
+            self.level,
+        );
+        self.effects.retain(|effect| !is_damper(effect));
+        // The samples stay as they are.
+        self.given_up = vec!["time_lag"];
+        self.search()?;
+        if self.error()? > RIVAL_BELOW * before {
+            (
+                self.effects,
+                self.refused,
+                self.ground.curve,
+                self.floor,
+                self.level,
+            ) = as_was;
+        }
+        Ok(())
     }
 
     /// Adds one effect; whether there was one to add.
