@@ -73,9 +73,9 @@ fn twin_efforts_of_a_million(bencher: divan::Bencher, threads: usize) {
     let mut out = vec![0.0; MILLION];
     let bencher = bencher.counter(divan::counter::ItemsCount::new(MILLION));
     bencher.bench_local(|| {
-        each(threads, [&q, &dq, &ddq], &mut out, |[q, dq, ddq], out| {
-            evaluator.efforts(q, dq, ddq, out).is_ok()
-        })
+        evaluator
+            .efforts_by(threads, &q, &dq, &ddq, &mut out)
+            .is_ok()
     });
 }
 
@@ -96,9 +96,9 @@ fn twin_efforts_from_memory(bencher: divan::Bencher, threads: usize) {
     let mut out = vec![0.0; 32 * MILLION];
     let bencher = bencher.counter(divan::counter::ItemsCount::new(32 * MILLION));
     bencher.bench_local(|| {
-        each(threads, [&q, &dq, &ddq], &mut out, |[q, dq, ddq], out| {
-            evaluator.efforts(q, dq, ddq, out).is_ok()
-        })
+        evaluator
+            .efforts_by(threads, &q, &dq, &ddq, &mut out)
+            .is_ok()
     });
 }
 

@@ -8,7 +8,7 @@ mod check;
 mod error;
 mod evaluator;
 mod express;
-mod four;
+mod lanes;
 mod mechanism;
 mod pieces;
 mod rows;

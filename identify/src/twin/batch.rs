@@ -3,8 +3,11 @@
 use pulp::NullaryFnOnce;
 
 use super::evaluator::Evaluator;
-use super::four::{Four, Plain};
+use super::lanes::{Lanes, Plain};
 use super::rows::{BLOCK, Rows};
+
+/// States that make a thread worth it.
+const LEAST_OF_A_THREAD: usize = 250_000;
 
 /// One quantity of many states.
 #[derive(Clone, Copy, Debug)]
@@ -62,18 +65,78 @@ impl Evaluator {
             out,
         };
         #[cfg(target_arch = "x86_64")]
-        if let Some(four) = pulp::x86::V3::try_new() {
-            four.vectorize(In { four, batch });
+        if let Some(simd) = pulp::x86::V4::try_new() {
+            simd.vectorize(In { simd, batch });
+            return Ok(());
+        } else if let Some(simd) = pulp::x86::V3::try_new() {
+            simd.vectorize(In { simd, batch });
             return Ok(());
         }
-        In { four: Plain, batch }.call();
+        In { simd: Plain, batch }.call();
         Ok(())
+    }
+
+    /// As [`Self::efforts`] by `threads` threads, each with its share of the states: several bring more from the memory than one can. Below a
+    /// quarter of a million states for each thread there are fewer of them, for to begin one takes as long as thousands of efforts.
+    ///
+    /// # Errors
+    /// [`LengthError`], as there.
+    pub fn efforts_by<'a>(
+        &self,
+        threads: usize,
+        q: impl Into<Each<'a>>,
+        dq: impl Into<Each<'a>>,
+        ddq: impl Into<Each<'a>>,
+        out: &mut [f64],
+    ) -> Result<(), LengthError> {
+        let states = [q.into(), dq.into(), ddq.into()];
+        let threads = threads.min(out.len() / LEAST_OF_A_THREAD);
+        let [q, dq, ddq] = states;
+        if threads < 2
+            || states
+                .iter()
+                .any(|each| each.len().is_some_and(|len| len != out.len()))
+        {
+            return self.efforts(q, dq, ddq, out);
+        }
+        let share = out.len().div_ceil(threads);
+        std::thread::scope(|scope| {
+            let mut shares = out.chunks_mut(share).enumerate();
+            let own = shares.next();
+            let others: Vec<_> = shares
+                .map(|(i, out)| {
+                    let [q, dq, ddq] = states.map(|each| each.part(i * share, out.len()));
+                    scope.spawn(move || self.efforts(q, dq, ddq, out))
+                })
+                .collect();
+            let own = own.map_or(Ok(()), |(_, out)| {
+                let [q, dq, ddq] = states.map(|each| each.part(0, out.len()));
+                self.efforts(q, dq, ddq, out)
+            });
+            others.into_iter().fold(own, |done, other| {
+                done.and(
+                    other
+                        .join()
+                        .unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+                )
+            })
+        })
     }
 
     fn one_by_one(&self, states: [Each<'_>; 3], out: &mut [f64]) {
         for (k, out) in out.iter_mut().enumerate() {
             let [q, dq, ddq] = states.each_ref().map(|each| each.at(k));
             *out = self.effort(q, dq, ddq);
+        }
+    }
+}
+
+impl<'a> Each<'a> {
+    /// Those of the states from `from` on.
+    fn part(self, from: usize, count: usize) -> Self {
+        match self {
+            Self::Same(value) => Self::Same(value),
+            Self::Own(values) => Self::Own(values.get(from..from + count).unwrap_or_default()),
         }
     }
 }
@@ -141,17 +204,17 @@ struct Batch<'a> {
 }
 
 /// [`Batch`] as a function that is compiled for what the processor has.
-struct In<'a, F> {
-    four: F,
+struct In<'a, const N: usize, F> {
+    simd: F,
     batch: Batch<'a>,
 }
 
-impl<F: Four> NullaryFnOnce for In<'_, F> {
+impl<const N: usize, F: Lanes<N>> NullaryFnOnce for In<'_, N, F> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Self { four, batch } = self;
+        let Self { simd, batch } = self;
         let Batch {
             evaluator,
             rows,
@@ -159,16 +222,16 @@ impl<F: Four> NullaryFnOnce for In<'_, F> {
             out,
         } = batch;
         let [mut a, mut b, mut c, mut d, mut last] = [[0.0; BLOCK]; 5];
-        let mut places = Rows::places(four, dq.block(0, &mut b));
+        let mut places = Rows::places(simd, dq.block(0, &mut b));
         for (i, out) in out.chunks_mut(BLOCK).enumerate() {
             let from = i * BLOCK;
             let (q, dq_now) = (q.block(from, &mut a), dq.block(from, &mut b));
             let states = [q, dq_now, ddq.block(from, &mut c)];
             let next = dq.block(from + BLOCK, &mut d);
             match out.first_chunk_mut() {
-                Some(whole) => rows.efforts(four, &mut places, states, next, whole),
+                Some(whole) => rows.efforts(simd, &mut places, states, next, whole),
                 None => {
-                    rows.efforts(four, &mut places, states, next, &mut last);
+                    rows.efforts(simd, &mut places, states, next, &mut last);
                     for (effort, last) in out.iter_mut().zip(last) {
                         *effort = last;
                     }

@@ -10,19 +10,19 @@
 //! ```
 //!
 //! with the constant load and the Coulomb friction of the direction in g_0. Both tables stay in the nearest cache beside the states
-//! that pass through it. Rows are loaded whole and worked with as they lie, and only the sums of four states are turned into
+//! that pass through it. Rows are loaded whole and worked with as they lie, and only the sums of simd states are turned into
 //! columns, where gathering a state's numbers one by one took most of the time. Places go through memory to the rows' numbers: out
 //! of a vector they would take its permutations. The roots are those of the next block, so that the divider works while rows are read.
 
 use super::Coordinate;
-use super::four::Four;
+use super::lanes::Lanes;
 use super::pieces::{Pieces, Pitch};
 
 /// States of a block.
 pub(super) const BLOCK: usize = 64;
 /// Most rows of load and of damping, both directions together: a mechanism as it is fitted has 40 and 72.
 const LOADS: usize = 256;
-const CELLS: usize = 512;
+const CELLS: usize = 256;
 /// Above it a double has no fraction: to add it rounds, and leaves the whole number in the lowest bits; below it too.
 const WHOLE: f64 = 6_755_399_441_055_744.0;
 
@@ -89,10 +89,10 @@ impl Along {
     }
 
     #[inline(always)]
-    fn of<F: Four>(&self, four: F, x: F::Vector) -> F::Vector {
-        let along = four.mul_add(x, four.all(self.per_unit), four.all(self.from));
-        let above = four.max(four.all(-0.5), along);
-        four.min(four.all(self.top), above)
+    fn of<const N: usize, F: Lanes<N>>(&self, simd: F, x: F::Vector) -> F::Vector {
+        let along = simd.mul_add(x, simd.all(self.per_unit), simd.all(self.from));
+        let above = simd.max(simd.all(-0.5), along);
+        simd.min(simd.all(self.top), above)
     }
 }
 
@@ -190,10 +190,10 @@ impl Rows {
 
     /// The places of a first block.
     #[inline(always)]
-    pub(super) fn places<F: Four>(four: F, dq: &[f64; BLOCK]) -> Places {
+    pub(super) fn places<const N: usize, F: Lanes<N>>(simd: F, dq: &[f64; BLOCK]) -> Places {
         let mut roots = [0.0; BLOCK];
-        for (root, dq) in fours_mut(&mut roots).zip(fours(dq)) {
-            four.store(four.root_of_size(four.load(dq)), root);
+        for (root, dq) in lanes_of_mut::<N>(&mut roots).zip(lanes_of::<N>(dq)) {
+            simd.store(simd.root_of_size(simd.load(dq)), root);
         }
         let [load, cell, u, v, w] = [[0.0; BLOCK]; 5];
         Places {
@@ -208,124 +208,139 @@ impl Rows {
 
     /// Writes the efforts at a block of states; `next` are the rates of the block after it.
     #[inline(always)]
-    pub(super) fn efforts<F: Four>(
+    pub(super) fn efforts<const N: usize, F: Lanes<N>>(
         &self,
-        four: F,
+        simd: F,
         places: &mut Places,
         [q, dq, ddq]: [&[f64; BLOCK]; 3],
         next: &[f64; BLOCK],
         out: &mut [f64; BLOCK],
     ) {
-        self.place(four, q, dq, places);
+        self.place(simd, q, dq, places);
         if self.bends.is_empty() {
-            self.read::<F, false>(four, places, [dq, ddq], next, out);
+            self.read::<N, F, false>(simd, places, [dq, ddq], next, out);
         } else {
-            self.read::<F, true>(four, places, [dq, ddq], next, out);
+            self.read::<N, F, true>(simd, places, [dq, ddq], next, out);
         }
     }
 
     #[inline(always)]
-    fn place<F: Four>(&self, four: F, q: &[f64; BLOCK], dq: &[f64; BLOCK], places: &mut Places) {
+    fn place<const N: usize, F: Lanes<N>>(
+        &self,
+        simd: F,
+        q: &[f64; BLOCK],
+        dq: &[f64; BLOCK],
+        places: &mut Places,
+    ) {
         let [loads, over_q, over_root] = self.counts;
-        let (forward, of_load) = (four.all(WHOLE), four.all(WHOLE + loads));
-        let of_damping = four.all(WHOLE + over_q * over_root);
-        let over_root = four.all(over_root);
-        let found = fours_mut(&mut places.load).zip(fours_mut(&mut places.cell));
-        let within = fours_mut(&mut places.u).zip(fours_mut(&mut places.v));
-        let roots = fours_mut(&mut places.w).zip(fours(&places.roots));
-        let states = fours(q).zip(fours(dq));
+        let (forward, of_load) = (simd.all(WHOLE), simd.all(WHOLE + loads));
+        let of_damping = simd.all(WHOLE + over_q * over_root);
+        let over_root = simd.all(over_root);
+        let found = lanes_of_mut::<N>(&mut places.load).zip(lanes_of_mut::<N>(&mut places.cell));
+        let within = lanes_of_mut::<N>(&mut places.u).zip(lanes_of_mut::<N>(&mut places.v));
+        let roots = lanes_of_mut::<N>(&mut places.w).zip(lanes_of::<N>(&places.roots));
+        let states = lanes_of::<N>(q).zip(lanes_of::<N>(dq));
         for ((((load, cell), (u, v)), (w, root)), (q, dq)) in
             found.zip(within).zip(roots).zip(states)
         {
-            let (q, dq) = (four.load(q), four.load(dq));
-            let along = self.load_over.of(four, q);
-            let i = rounded(four, along);
-            four.store(four.sub(along, i), u);
-            let way = four.if_below(dq, of_load, forward);
-            four.store(four.add(i, way), load);
-            let along = self.over_q.of(four, q);
-            let i = rounded(four, along);
-            four.store(four.sub(along, i), v);
-            let along = self.over_root.of(four, four.load(root));
-            four.store(along, w);
-            let way = four.if_below(dq, of_damping, forward);
-            let first = four.mul_add(i, over_root, way);
-            four.store(four.add(rounded(four, along), first), cell);
+            let (q, dq) = (simd.load(q), simd.load(dq));
+            let along = self.load_over.of(simd, q);
+            let i = rounded(simd, along);
+            simd.store(simd.sub(along, i), u);
+            let way = simd.if_below(dq, of_load, forward);
+            simd.store(simd.add(i, way), load);
+            let along = self.over_q.of(simd, q);
+            let i = rounded(simd, along);
+            simd.store(simd.sub(along, i), v);
+            let along = self.over_root.of(simd, simd.load(root));
+            simd.store(along, w);
+            let way = simd.if_below(dq, of_damping, forward);
+            let first = simd.mul_add(i, over_root, way);
+            simd.store(simd.add(rounded(simd, along), first), cell);
         }
     }
 
     #[inline(always)]
-    fn read<F: Four, const BENT: bool>(
+    fn read<const N: usize, F: Lanes<N>, const BENT: bool>(
         &self,
-        four: F,
+        simd: F,
         places: &mut Places,
         [dq, ddq]: [&[f64; BLOCK]; 2],
         next: &[f64; BLOCK],
         out: &mut [f64; BLOCK],
     ) {
-        let (inertia, viscous) = (four.all(self.inertia), four.all(self.viscous));
-        let not_at_rest = four.all(-self.coulomb);
-        let found = fours(&places.load).zip(fours(&places.cell));
-        let within = fours(&places.u).zip(fours(&places.v)).zip(fours(&places.w));
-        let states = fours(dq).zip(fours(ddq)).zip(fours(next));
-        let after = fours_mut(&mut places.roots).zip(fours_mut(out));
+        let (inertia, viscous) = (simd.all(self.inertia), simd.all(self.viscous));
+        let not_at_rest = simd.all(-self.coulomb);
+        let found = lanes_of::<N>(&places.load).zip(lanes_of::<N>(&places.cell));
+        let within = lanes_of::<N>(&places.u)
+            .zip(lanes_of::<N>(&places.v))
+            .zip(lanes_of::<N>(&places.w));
+        let states = lanes_of::<N>(dq)
+            .zip(lanes_of::<N>(ddq))
+            .zip(lanes_of::<N>(next));
+        let after = lanes_of_mut::<N>(&mut places.roots).zip(lanes_of_mut::<N>(out));
         for ((((load, cell), ((u, v), w)), ((dq, ddq), next)), (root, out)) in
             found.zip(within).zip(states).zip(after)
         {
-            four.store(four.root_of_size(four.load(next)), root);
-            let (mut loads, mut shares) = ([four.all(0.0); 4], [four.all(0.0); 4]);
-            for k in 0..4 {
-                loads[k] = four.load(self.load.row(load[k]));
-                let [a, b] = self.damping.row(cell[k]);
-                shares[k] = four.mul_add(four.load(b), four.all(w[k]), four.load(a));
+            simd.store(simd.root_of_size(simd.load(next)), root);
+            let mut loads = [self.load.row(load[0]); N];
+            let mut cells = [self.damping.row(cell[0]); N];
+            for k in 1..N {
+                loads[k] = self.load.row(load[k]);
+                cells[k] = self.damping.row(cell[k]);
             }
-            let [g0, g1, g2, g3] = four.turned(loads);
-            let [c0, c1, c2, _] = four.turned(shares);
-            let (u, v) = (four.load(u), four.load(v));
-            let load = four.mul_add(four.mul_add(four.mul_add(g3, u, g2), u, g1), u, g0);
-            let share = four.mul_add(four.mul_add(c2, v, c1), v, c0);
-            let rate = four.load(dq);
-            let rest = four.mul_add(four.load(ddq), inertia, four.if_zero(rate, not_at_rest));
-            let rest = four.add(four.mul_add(rate, viscous, rest), load);
+            let [g0, g1, g2, g3] = simd.columns(loads);
+            let [c0, c1, c2] = simd.mixed_columns(cells, w);
+            let (u, v) = (simd.load(u), simd.load(v));
+            let load = simd.mul_add(simd.mul_add(simd.mul_add(g3, u, g2), u, g1), u, g0);
+            let share = simd.mul_add(simd.mul_add(c2, v, c1), v, c0);
+            let rate = simd.load(dq);
+            let rest = simd.mul_add(simd.load(ddq), inertia, simd.if_zero(rate, not_at_rest));
+            let rest = simd.add(simd.mul_add(rate, viscous, rest), load);
             let effort = if BENT {
-                four.add(rest, self.bent(four, share, rate))
+                simd.add(rest, self.bent(simd, share, rate))
             } else {
-                four.mul_add(share, rate, rest)
+                simd.mul_add(share, rate, rest)
             };
-            four.store(effort, out);
+            simd.store(effort, out);
         }
     }
 
     /// What a valve makes of `share dq`.
     #[inline(always)]
-    fn bent<F: Four>(&self, four: F, share: F::Vector, rate: F::Vector) -> F::Vector {
-        let none = four.all(0.0);
-        let whole = four.mul_add(share, rate, none);
-        let size = four.if_below(rate, four.sub(none, whole), whole);
+    fn bent<const N: usize, F: Lanes<N>>(
+        &self,
+        simd: F,
+        share: F::Vector,
+        rate: F::Vector,
+    ) -> F::Vector {
+        let none = simd.all(0.0);
+        let whole = simd.mul_add(share, rate, none);
+        let size = simd.if_below(rate, simd.sub(none, whole), whole);
         let mut bent = size;
         for [forward, backward] in &self.bends {
             let [at, change] =
-                [0, 1].map(|k| four.if_below(rate, four.all(backward[k]), four.all(forward[k])));
-            bent = four.mul_add(four.max(none, four.sub(size, at)), change, bent);
+                [0, 1].map(|k| simd.if_below(rate, simd.all(backward[k]), simd.all(forward[k])));
+            bent = simd.mul_add(simd.max(none, simd.sub(size, at)), change, bent);
         }
-        four.if_below(rate, four.sub(none, bent), bent)
+        simd.if_below(rate, simd.sub(none, bent), bent)
     }
 }
 
 /// The nearest whole numbers.
 #[inline(always)]
-fn rounded<F: Four>(four: F, x: F::Vector) -> F::Vector {
-    let whole = four.all(WHOLE);
-    four.sub(four.add(x, whole), whole)
+fn rounded<const N: usize, F: Lanes<N>>(simd: F, x: F::Vector) -> F::Vector {
+    let whole = simd.all(WHOLE);
+    simd.sub(simd.add(x, whole), whole)
 }
 
 #[inline(always)]
-fn fours(block: &[f64; BLOCK]) -> impl Iterator<Item = &[f64; 4]> {
+fn lanes_of<const N: usize>(block: &[f64; BLOCK]) -> impl Iterator<Item = &[f64; N]> {
     block.as_chunks().0.iter()
 }
 
 #[inline(always)]
-fn fours_mut(block: &mut [f64; BLOCK]) -> impl Iterator<Item = &mut [f64; 4]> {
+fn lanes_of_mut<const N: usize>(block: &mut [f64; BLOCK]) -> impl Iterator<Item = &mut [f64; N]> {
     block.as_chunks_mut().0.iter_mut()
 }
 
@@ -342,7 +357,7 @@ fn centred<const N: usize>(powers: &[f64; N]) -> [f64; N] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::four::Plain;
+    use super::super::lanes::Plain;
     use super::super::pieces::tests::over;
     use super::*;
     use proptest::prelude::*;
@@ -354,22 +369,22 @@ mod tests {
         load: 0.1,
     };
 
-    struct Once<'a, F> {
-        four: F,
+    struct Once<'a, const N: usize, F> {
+        simd: F,
         rows: &'a Rows,
         states: [&'a [f64; BLOCK]; 3],
     }
 
-    impl<F: Four> pulp::NullaryFnOnce for Once<'_, F> {
+    impl<const N: usize, F: Lanes<N>> pulp::NullaryFnOnce for Once<'_, N, F> {
         type Output = [f64; BLOCK];
 
         fn call(self) -> [f64; BLOCK] {
             let mut out = [0.0; BLOCK];
             let [_, dq, _] = self.states;
-            let mut places = Rows::places(self.four, dq);
+            let mut places = Rows::places(self.simd, dq);
             for _ in 0..2 {
                 self.rows
-                    .efforts(self.four, &mut places, self.states, dq, &mut out);
+                    .efforts(self.simd, &mut places, self.states, dq, &mut out);
             }
             out
         }
@@ -377,12 +392,20 @@ mod tests {
 
     /// The efforts by whatever this processor has.
     fn efforts(rows: &Rows, states: [&[f64; BLOCK]; 3]) -> Vec<[f64; BLOCK]> {
-        let four = Plain;
-        let plain = pulp::NullaryFnOnce::call(Once { four, rows, states });
+        let simd = Plain;
+        let plain = pulp::NullaryFnOnce::call(Once { simd, rows, states });
         #[cfg(target_arch = "x86_64")]
-        if let Some(four) = pulp::x86::V3::try_new() {
-            return vec![plain, four.vectorize(Once { four, rows, states })];
+        {
+            let mut all = vec![plain];
+            all.extend(
+                pulp::x86::V3::try_new().map(|simd| simd.vectorize(Once { simd, rows, states })),
+            );
+            all.extend(
+                pulp::x86::V4::try_new().map(|simd| simd.vectorize(Once { simd, rows, states })),
+            );
+            return all;
         }
+        #[cfg(not(target_arch = "x86_64"))]
         vec![plain]
     }
 

@@ -173,6 +173,24 @@ fn many_efforts_at_once_are_those_one_by_one() {
 }
 
 #[test]
+fn several_threads_give_the_efforts_of_one() {
+    let (twin, _) = shared();
+    let evaluator = twin.evaluator();
+    let count = 750_001;
+    let of = |from: f64, rate: f64| -> Vec<f64> {
+        let at = (0..count).map(f64::from);
+        at.map(|k| from + (rate * k).sin()).collect()
+    };
+    let (q, dq) = (of(0.4, 0.3), of(0.0, 0.7));
+    let (mut one, mut several) = (vec![0.0; q.len()], vec![f64::NAN; q.len()]);
+    evaluator.efforts(&q, &dq, 0.5, &mut one).unwrap();
+    evaluator.efforts_by(3, &q, &dq, 0.5, &mut several).unwrap();
+    assert_eq!(one, several);
+    let wrong = evaluator.efforts_by(3, &q, &dq[1..], 0.5, &mut several);
+    assert_eq!(wrong.unwrap_err().name, "dq");
+}
+
+#[test]
 fn json_gives_the_twin_back() {
     let (twin, _) = twin();
     let back: Twin = serde_json::from_str(&twin.to_json().unwrap()).unwrap();
