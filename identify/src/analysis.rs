@@ -246,12 +246,16 @@ fn aligned(
             core::mem::replace(&mut diagnosis.samples, samples),
             core::mem::replace(&mut diagnosis.motion, motion),
         );
-        let (effects, model) = (diagnosis.effects.clone(), diagnosis.model.clone());
+        let (effects, model, floor) = (
+            diagnosis.effects.clone(),
+            diagnosis.model.clone(),
+            diagnosis.floor,
+        );
         diagnosis.refit()?;
         // A grasp that gives looks like a lag and is none.
         if diagnosis.model.held_out_rms > before {
             (diagnosis.samples, diagnosis.motion) = (samples, motion);
-            (diagnosis.effects, diagnosis.model) = (effects, model);
+            (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
             lag.applied = false;
         }
     }

@@ -158,7 +158,7 @@ impl State {
             let lag = entry.theta[0];
             if lag.abs() < 1e-3 || self.lag.is_some() {
                 return Some(format!(
-                    "a lag of {:.2} ms is below what is resolved",
+                    "a lag of {:.2} ms is too small to be named",
                     1e3 * lag
                 ));
             }

@@ -368,6 +368,7 @@ impl State {
             if most_of(gone.kind) == 1 {
                 self.given_up.push(gone.kind.name);
             }
+            self.refused.retain(|old| old.name != gone.kind.name);
             self.refused.push(Refused {
                 name: gone.kind.name,
                 reason: "superfluous beside the effects added later".to_owned(),

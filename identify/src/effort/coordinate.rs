@@ -92,8 +92,8 @@ impl Coordinate {
     }
 }
 
-/// How far above the fit's cut-off accelerations still tell the lever: hands and an axis slightly off shake both series below it,
-/// and the tracker alone above it.
+/// The lever is told by accelerations up to so many times the fit's cut-off, as far as the poses' rate goes: most of what stands there
+/// is the tracker's alone, while hands and an axis slightly off shake both series below the cut-off.
 const ABOVE_HANDS: f64 = 4.0;
 
 /// From where the tracker's rotation acts to the TCP, over the joint's radius: what the tracker turns wrongly moves the TCP by it, so that

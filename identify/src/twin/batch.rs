@@ -44,19 +44,16 @@ impl Evaluator {
         out: &mut [f64],
     ) -> Result<(), LengthError> {
         let states = [q.into(), dq.into(), ddq.into()];
-        for (each, name) in states.into_iter().zip(["q", "dq", "ddq"]) {
-            if let Some(got) = each.len().filter(|got| *got != out.len()) {
-                let expected = out.len();
-                return Err(LengthError {
-                    name,
-                    expected,
-                    got,
-                });
-            }
-        }
+        fits(states, out.len())?;
+        self.write(states, out);
+        Ok(())
+    }
+
+    /// As [`Self::efforts`], of states that fit.
+    fn write(&self, states: [Each<'_>; 3], out: &mut [f64]) {
         let Some(rows) = self.rows() else {
             self.one_by_one(states, out);
-            return Ok(());
+            return;
         };
         let batch = Batch {
             evaluator: self,
@@ -67,13 +64,12 @@ impl Evaluator {
         #[cfg(target_arch = "x86_64")]
         if let Some(simd) = pulp::x86::V4::try_new() {
             simd.vectorize(In { simd, batch });
-            return Ok(());
+            return;
         } else if let Some(simd) = pulp::x86::V3::try_new() {
             simd.vectorize(In { simd, batch });
-            return Ok(());
+            return;
         }
         In { simd: Plain, batch }.call();
-        Ok(())
     }
 
     /// As [`Self::efforts`] by `threads` threads, each with its share of the states: several bring more from the memory than one can. Below a
@@ -81,6 +77,9 @@ impl Evaluator {
     ///
     /// # Errors
     /// [`LengthError`], as there.
+    ///
+    /// # Panics
+    /// When the system gives no thread.
     pub fn efforts_by<'a>(
         &self,
         threads: usize,
@@ -90,37 +89,20 @@ impl Evaluator {
         out: &mut [f64],
     ) -> Result<(), LengthError> {
         let states = [q.into(), dq.into(), ddq.into()];
-        let threads = threads.min(out.len() / LEAST_OF_A_THREAD);
-        let [q, dq, ddq] = states;
-        if threads < 2
-            || states
-                .iter()
-                .any(|each| each.len().is_some_and(|len| len != out.len()))
-        {
-            return self.efforts(q, dq, ddq, out);
-        }
-        let share = out.len().div_ceil(threads);
+        fits(states, out.len())?;
+        let share = out.len().div_ceil(threads.max(1)).max(LEAST_OF_A_THREAD);
         std::thread::scope(|scope| {
             let mut shares = out.chunks_mut(share).enumerate();
             let own = shares.next();
-            let others: Vec<_> = shares
-                .map(|(i, out)| {
-                    let [q, dq, ddq] = states.map(|each| each.part(i * share, out.len()));
-                    scope.spawn(move || self.efforts(q, dq, ddq, out))
-                })
-                .collect();
-            let own = own.map_or(Ok(()), |(_, out)| {
-                let [q, dq, ddq] = states.map(|each| each.part(0, out.len()));
-                self.efforts(q, dq, ddq, out)
-            });
-            others.into_iter().fold(own, |done, other| {
-                done.and(
-                    other
-                        .join()
-                        .unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
-                )
-            })
-        })
+            for (i, out) in shares {
+                let states = states.map(|each| each.part(i * share, out.len()));
+                scope.spawn(move || self.write(states, out));
+            }
+            if let Some((_, out)) = own {
+                self.write(states.map(|each| each.part(0, out.len())), out);
+            }
+        });
+        Ok(())
     }
 
     fn one_by_one(&self, states: [Each<'_>; 3], out: &mut [f64]) {
@@ -129,6 +111,20 @@ impl Evaluator {
             *out = self.effort(q, dq, ddq);
         }
     }
+}
+
+/// Nothing when all states are as many as the efforts.
+fn fits(states: [Each<'_>; 3], expected: usize) -> Result<(), LengthError> {
+    for (each, name) in states.into_iter().zip(["q", "dq", "ddq"]) {
+        if let Some(got) = each.len().filter(|got| *got != expected) {
+            return Err(LengthError {
+                name,
+                expected,
+                got,
+            });
+        }
+    }
+    Ok(())
 }
 
 impl<'a> Each<'a> {

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! with the constant load and the Coulomb friction of the direction in g_0. Both tables stay in the nearest cache beside the states
-//! that pass through it. Rows are loaded whole and worked with as they lie, and only the sums of simd states are turned into
+//! that pass through it. Rows are loaded whole and worked with as they lie, and only the sums of as many states as a vector holds are turned into
 //! columns, where gathering a state's numbers one by one took most of the time. Places go through memory to the rows' numbers: out
 //! of a vector they would take its permutations. The roots are those of the next block, so that the divider works while rows are read.
 
@@ -20,7 +20,8 @@ use super::pieces::{Pieces, Pitch};
 
 /// States of a block.
 pub(super) const BLOCK: usize = 64;
-/// Most rows of load and of damping, both directions together: a mechanism as it is fitted has 40 and 72.
+/// Most rows of load and of damping, both directions together: a mechanism as it is fitted has 40 and 72, or 80 behind valves. So many
+/// take 24 KiB, half of the nearest cache. What has more is evaluated one state after the other.
 const LOADS: usize = 256;
 const CELLS: usize = 256;
 /// Above it a double has no fraction: to add it rounds, and leaves the whole number in the lowest bits; below it too.
