@@ -300,9 +300,10 @@ pub fn align(
     let Some(mut lag) = lag_with_mechanism(&unmoved, effects)? else {
         return Ok((samples.clone(), unmoved, None));
     };
+    let is_left_in = |lag: &Lag| lag.value_s.abs() < LEAST_LAG_S.max(3.0 * lag.std_s);
     let mut moved = None;
     for _ in 0..6 {
-        if lag.value_s.abs() < LEAST_LAG_S.max(3.0 * lag.std_s) {
+        if is_left_in(&lag) {
             break;
         }
         let shifted = samples.with_effort_earlier(lag.value_s);
@@ -322,6 +323,10 @@ pub fn align(
     }
     if moved.is_some() {
         lag.value_s = profiled(samples, settings, effects, lag.value_s)?;
+        if is_left_in(&lag) {
+            lag.applied = false;
+            return Ok((samples.clone(), unmoved, Some(lag)));
+        }
         let shifted = samples.with_effort_earlier(lag.value_s);
         let motion = Motion::prepare(&shifted, settings)?;
         moved = Some((shifted, motion));

@@ -490,8 +490,8 @@ impl Motion {
 }
 
 impl Motion {
-    /// Which kept samples count for held-out errors: those whose coordinate, direction and speed another fold of
-    /// [`Motion::folds`] has probed too.
+    /// Which kept samples count for held-out errors: those whose coordinate, direction and speed other folds of
+    /// [`Motion::folds`] have probed from both sides.
     #[must_use]
     pub fn covered(&self) -> Vec<bool> {
         let (folds, count) = self.folds();

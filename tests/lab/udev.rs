@@ -168,6 +168,7 @@ fn udev_leaves_other_devices_alone() {
 fn udev_line_that_devices_prints_works() {
     daemon();
     let added = Path::new("/run/udev/rules.d/71-lab.rules");
+    // No worker is busy with the old rules then.
     run("udevadm settle --timeout=60");
     fs::write(added, udev_line("tty", 0x1234, 0x5678) + "\n").unwrap();
     run("udevadm control --reload");

@@ -6,9 +6,11 @@
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::identify_confirmed;
 use ft_recording::TopicMap;
+use ft_sim_hw::Scenario;
 use ft_sim_hw::sealed::{SealedDraw, SealedOptions};
 use ft_tests::bias::trials;
-use ft_tests::truth::{Comparison, Trial, study, study_of, try_record};
+use ft_tests::sealed::Judged;
+use ft_tests::truth::{Comparison, record_scenario, study, study_of};
 
 /// From these on inertia is held to 15 %: kg m^2, kg.
 const HEAVY: [f64; 2] = [1.0, 3.0];
@@ -67,20 +69,19 @@ fn what_stands_beside_the_dampers_of_a_closer_is_named() {
     for (seed, name) in [(8_900_282, "catch"), (8_900_008, "grasp_compliance")] {
         let draw = SealedDraw::draw(seed, &SealedOptions::default()).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let [main, confirm] = [
-            ("main", draw.main, seed),
-            ("confirm", draw.confirm, seed + 1),
-        ]
-        .map(|(file, scenario, seed)| {
-            let file = folder.path().join(file).with_extension("mcap");
-            try_record(&Trial::plain(scenario), seed, None, &file).unwrap();
+        let recorded = |name: &str, scenario: &Scenario, seed: u64| {
+            let file = folder.path().join(name);
+            let _ = record_scenario(scenario, seed, &file);
             file
-        });
+        };
+        let main = recorded("main.mcap", &draw.main, seed);
+        let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1);
         let (map, settings) = (TopicMap::default(), MotionSettings::default());
         let found = identify_confirmed(&main, &[confirm], &map, &settings, &mut |_| ()).unwrap();
-        let effects = found.report.effects.iter();
-        let named: Vec<&str> = effects.map(|effect| effect.name).collect();
-        println!("simulated, draw {seed}: {named:?}");
-        assert!(named.contains(&name), "{seed}: {named:?}");
+        let judged = Judged::of(&draw.truth, &found, None, 0.0);
+        let true_ones: Vec<&str> = draw.truth.effects.iter().map(|one| one.name).collect();
+        println!("simulated, draw {seed}: {judged:?}");
+        assert_eq!(true_ones, [name]);
+        assert_eq!((judged.found, judged.wrong.len()), (1, 0), "{judged:?}");
     }
 }

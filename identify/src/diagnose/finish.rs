@@ -125,6 +125,7 @@ impl State {
             // A grasp that gives moves tool and object apart in time as well.
             let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
             if lag.abs() > LEAST_BESIDE || !effects.iter().any(gives) {
+                self.refused.retain(|refused| refused.name != time_lag.name);
                 effects.push(effect);
             }
         }

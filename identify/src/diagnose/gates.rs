@@ -156,7 +156,10 @@ impl State {
         }
         if entry.kind.name == "time_lag" {
             let lag = entry.theta[0];
-            if lag.abs() < 1e-3 || self.lag.is_some() {
+            if self.lag.is_some() {
+                return Some("it is in the model already".to_owned());
+            }
+            if lag.abs() < 1e-3 {
                 return Some(format!(
                     "a lag of {:.2} ms is too small to be named",
                     1e3 * lag

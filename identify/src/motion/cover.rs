@@ -1,7 +1,7 @@
 //! Which held-out samples say something about a model: those whose state others have probed.
 //!
-//! A model holds where it was probed. The one stroke that was faster than all others cannot be foretold from them, and its
-//! error would say that, not how good the model is.
+//! A model holds where it was probed. The one stroke that was faster or went further than all others cannot be foretold from them,
+//! and its error would say that, not how good the model is.
 
 use super::Motion;
 use crate::samples::extrema;

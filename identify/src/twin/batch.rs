@@ -90,7 +90,8 @@ impl Evaluator {
     ) -> Result<(), LengthError> {
         let states = [q.into(), dq.into(), ddq.into()];
         fits(states, out.len())?;
-        let share = out.len().div_ceil(threads.max(1)).max(LEAST_OF_A_THREAD);
+        let threads = threads.min(out.len() / LEAST_OF_A_THREAD).max(1);
+        let share = out.len().div_ceil(threads).max(1);
         std::thread::scope(|scope| {
             let mut shares = out.chunks_mut(share).enumerate();
             let own = shares.next();

@@ -20,8 +20,8 @@ use super::pieces::{Pieces, Pitch};
 
 /// States of a block.
 pub(super) const BLOCK: usize = 64;
-/// Most rows of load and of damping, both directions together: a mechanism as it is fitted has 40 and 72, or 80 behind valves. So many
-/// take 24 KiB, half of the nearest cache. What has more is evaluated one state after the other.
+/// Most rows of load and of damping, both directions together: a mechanism as it is fitted has 40 and 72, or 80 behind valves. 256 of each
+/// take 24 KiB, and leave room in the nearest cache. What has more is evaluated one state after the other.
 const LOADS: usize = 256;
 const CELLS: usize = 256;
 /// Above it a double has no fraction: to add it rounds, and leaves the whole number in the lowest bits; below it too.

@@ -186,6 +186,7 @@ fn several_threads_give_the_efforts_of_one() {
     evaluator.efforts(&q, &dq, 0.5, &mut one).unwrap();
     evaluator.efforts_by(3, &q, &dq, 0.5, &mut several).unwrap();
     assert_eq!(one, several);
+    evaluator.efforts_by(3, 0.1, 0.2, 0.5, &mut []).unwrap();
     let wrong = evaluator.efforts_by(3, &q, &dq[1..], 0.5, &mut several);
     assert_eq!(wrong.unwrap_err().name, "dq");
 }
