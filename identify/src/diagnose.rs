@@ -11,6 +11,7 @@ mod confirm;
 mod evidence;
 mod finish;
 mod gates;
+mod latch;
 mod model;
 mod null;
 mod scan;

@@ -17,7 +17,7 @@ use crate::products::dot;
 
 /// Kinds that only a tare tells apart: on moving samples their regressors agree.
 const ALIAS: (&str, &str) = ("constant_load", "asymmetric_coulomb");
-/// Kinds that are told apart only where nothing else is left: how pads hit the handle behind their play is in no model.
+/// Play and a grasp that gives: how pads hit the handle behind their play is in no model, so that either may do for the other.
 const CRUDE: (&str, &str) = ("grasp_compliance", "backlash");
 /// The share of the gain that makes one of these a look-alike of the other: their forms are cruder than that.
 const ALIAS_GAIN: f64 = 0.5;
@@ -215,20 +215,19 @@ impl State {
         let found = &self.effects[i].0;
         let name = found.kind.name;
         let gain = (seen.mse - own).max(0.0);
-        let left = self.error()? > EXPLAINED_BELOW * self.floor.rms;
         let mut alike: Vec<Ambiguity> = seen
             .ranked
             .iter()
             .filter(|entry| entry.kind.name != name)
             .filter(|entry| {
                 let are = |pair| [(entry.kind.name, name), (name, entry.kind.name)].contains(&pair);
-                let alias = are(ALIAS) || left && are(CRUDE);
+                let alias = are(ALIAS) || are(CRUDE);
                 let least = if alias { ALIAS_GAIN } else { 0.85 };
                 seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
             .filter(|entry| {
                 let contains = CONTAIN.contains(&(entry.kind.name, name));
-                let crude = left && CRUDE == (name, entry.kind.name);
+                let crude = CRUDE == (name, entry.kind.name);
                 !contains || crude || entry.mse < 0.95 * own
             })
             .map(|entry| ambiguity(entry.kind))

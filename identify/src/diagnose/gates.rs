@@ -71,7 +71,13 @@ impl State {
     /// The weight about an axis that lies: it is there whatever else is, and a strut alone would do for both at first.
     pub(super) fn weight_of_what_lies(&self, seen: &Look) -> Option<(Ranked, f64)> {
         let gravity = |entry: &&Ranked| self.is_sure(entry.kind);
-        let entry = seen.ranked.iter().find(gravity)?;
+        self.passing(seen.ranked.iter().find(gravity)?.kind, seen)
+    }
+
+    /// The best of a kind, when it passes every gate.
+    pub(super) fn passing(&self, kind: &Kind, seen: &Look) -> Option<(Ranked, f64)> {
+        let own = |entry: &&Ranked| core::ptr::eq(entry.kind, kind);
+        let entry = seen.ranked.iter().find(own)?;
         let passes = self.why_not(entry, seen).is_none();
         passes.then(|| (entry.clone(), p_value(entry, seen)))
     }

@@ -109,6 +109,7 @@ pub fn diagnose_without(
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
     state.search()?;
+    state.latch()?;
     state.search_dampers_again()?;
     state.finish()
 }
@@ -158,6 +159,16 @@ pub(super) struct State {
     pub(super) level: f64,
 }
 
+/// See [`State::as_is`].
+pub(super) struct AsWas {
+    effects: Vec<(Found, f64)>,
+    refused: Vec<Refused>,
+    curve: Vec<Vec<f64>>,
+    active: [bool; 3],
+    floor: NoiseFloor,
+    level: f64,
+}
+
 impl State {
     fn new(samples: JointSamples, settings: MotionSettings) -> Result<Self, DynamicsError> {
         let motion = Motion::prepare(&samples, &settings)?;
@@ -189,7 +200,7 @@ impl State {
         fit_found(&self.ground.motion, &self.found())
     }
 
-    fn search(&mut self) -> Result<(), DynamicsError> {
+    pub(super) fn search(&mut self) -> Result<(), DynamicsError> {
         for _ in 0..2 * MOST_EFFECTS {
             if !self.step()? {
                 break;
@@ -216,12 +227,7 @@ impl State {
         if before < EXPLAINED_BELOW * self.floor.rms {
             return Ok(());
         }
-        let as_was = (
-            self.effects.clone(),
-            self.refused.clone(),
-            (self.ground.curve.clone(), self.ground.active),
-            (self.floor, self.level),
-        );
+        let (as_was, had_curve) = (self.as_is(), !self.ground.curve.is_empty());
         self.effects.retain(|effect| !is_damper(effect));
         self.refused.clear();
         // A lag would change the samples, which stay as they are.
@@ -233,21 +239,36 @@ impl State {
             self.search()?;
         }
         self.bank.extend(lag);
-        let came = self.ground.curve.is_empty() != as_was.2.0.is_empty();
+        let came = had_curve == self.ground.curve.is_empty();
         if came || self.error()? > RIVAL_BELOW * before {
-            let ground = &mut self.ground;
-            (
-                self.effects,
-                self.refused,
-                (ground.curve, ground.active),
-                (self.floor, self.level),
-            ) = as_was;
+            self.put_back(as_was);
         }
         Ok(())
     }
 
-    /// Adds one effect; whether there was one to add.
-    fn step(&mut self) -> Result<bool, DynamicsError> {
+    /// What a trial that leaves the samples as they are may change.
+    pub(super) fn as_is(&self) -> AsWas {
+        AsWas {
+            effects: self.effects.clone(),
+            refused: self.refused.clone(),
+            curve: self.ground.curve.clone(),
+            active: self.ground.active,
+            floor: self.floor,
+            level: self.level,
+        }
+    }
+
+    pub(super) fn put_back(&mut self, as_was: AsWas) {
+        self.effects = as_was.effects;
+        self.refused = as_was.refused;
+        self.ground.curve = as_was.curve;
+        self.ground.active = as_was.active;
+        self.floor = as_was.floor;
+        self.level = as_was.level;
+    }
+
+    /// The columns of the model, and what each candidate does beside them and by chance; the floor is estimated anew.
+    pub(super) fn survey(&mut self) -> Result<Option<(Vec<Vec<f64>>, Look)>, DynamicsError> {
         let found = self.found();
         let model = self.fit()?;
         self.floor = floor_of(&self.samples, &self.ground.motion, &model, &found)?;
@@ -272,7 +293,13 @@ impl State {
         efforts.extend(simulated);
         self.level = level.min(MOST_ABOVE * self.floor.rms);
         self.floor.rms = self.floor.rms.max(self.level);
-        let Some(seen) = look(&self.ground, &self.bank, &x, &efforts)? else {
+        let seen = look(&self.ground, &self.bank, &x, &efforts)?;
+        Ok(seen.map(|seen| (x, seen)))
+    }
+
+    /// Adds one effect; whether there was one to add.
+    fn step(&mut self) -> Result<bool, DynamicsError> {
+        let Some((x, seen)) = self.survey()? else {
             return Ok(false);
         };
         let choice = match self.weight_of_what_lies(&seen) {

@@ -1,0 +1,68 @@
+//! A magnet or roller behind a damper: over the last degrees of the travel a damper that ends a little early looks like a pull.
+
+use super::gates::most_of;
+use super::model::Found;
+use super::search::State;
+use crate::dynamics::DynamicsError;
+use crate::effect::library::{Scope, kind};
+
+/// A damper's edge this close to an end of the travel, as a share of the range, may be what a catch does there.
+const NEAR_END: f64 = 0.15;
+/// The model with a catch must err so much less than the one with the edge, which has as many numbers.
+const LATCHED_BELOW: f64 = 0.98;
+
+impl State {
+    /// Lets dampers that end near an end of the travel reach it, and a catch take the rest, where that errs less. A search that adds one
+    /// effect after the other cannot come to it: the edge is there before the catch, and leaves it too little.
+    pub(super) fn latch(&mut self) -> Result<(), DynamicsError> {
+        let Some(catch) = kind("catch") else {
+            return Ok(());
+        };
+        let catches = self
+            .found()
+            .iter()
+            .filter(|f| f.kind.name == catch.name)
+            .count();
+        if catches >= most_of(catch) || self.bank.iter().all(|c| c.kind.name != catch.name) {
+            return Ok(());
+        }
+        for i in 0..self.effects.len() {
+            let Some(wider) = to_the_end(&self.effects[i].0, &self.ground.scope()) else {
+                continue;
+            };
+            let as_was = self.as_is();
+            let before = self.error()?;
+            self.effects[i].0 = wider;
+            self.refine_all()?;
+            let seen = self.survey()?.map(|(_, seen)| seen);
+            let choice = seen.and_then(|seen| self.passing(catch, &seen));
+            if let Some((choice, p_value)) = choice {
+                self.effects.push((choice.found(&self.ground), p_value));
+                self.refine_all()?;
+                if self.error()? < LATCHED_BELOW * before {
+                    self.given_up.clear();
+                    return self.search();
+                }
+            }
+            self.put_back(as_was);
+        }
+        Ok(())
+    }
+}
+
+/// The damper with the edge that lies near an end of the travel behind that end; nothing when it has none.
+fn to_the_end(damper: &Found, scope: &Scope<'_>) -> Option<Found> {
+    if damper.kind.name != "damping_zone" {
+        return None;
+    }
+    let ([low, high], near) = (scope.q, NEAR_END * scope.range());
+    let mut wider = damper.clone();
+    if (low..low + near).contains(&damper.shape[0]) {
+        wider.shape[0] = low - scope.range();
+    } else if (high - near..high).contains(&damper.shape[1]) {
+        wider.shape[1] = high + scope.range();
+    } else {
+        return None;
+    }
+    Some(wider)
+}
