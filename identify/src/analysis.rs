@@ -195,6 +195,8 @@ fn confirmed_diagnosis(
             add_stiction(&mut diagnosis, &mut confirmed, others, settings)?;
             return Ok((diagnosis, confirmed));
         }
+        // What was refused after the first may have been so for want of it only.
+        refused.truncate(1);
         barred.extend(refused.iter().map(|refused| refused.name));
         earlier.extend(refused);
     }

@@ -3,12 +3,13 @@
 //! Inertia, friction and the object's effects keep the numbers of the first recording; what belongs to a recording (bias,
 //! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
 
+use super::apart::tell_apart;
 use super::model::{Found, Ground, is_known};
 use super::score::Problem;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::shapes::polished;
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Belongs, Search, kind};
+use crate::effect::library::{Belongs, Search, Unit, kind};
 use crate::effect::slip::SLIP;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -47,6 +48,7 @@ const LEAST_SHARE: f64 = 0.25;
 const SURE: f64 = 0.5;
 const DATUM_STEPS: i32 = 6;
 const DATUM_STEP: f64 = 0.005;
+const DATUM_HALVINGS: usize = 5;
 
 /// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples).
 ///
@@ -71,7 +73,7 @@ pub fn confirm(
     let mut at = 0;
     let mut datums: Vec<f64> = Vec::new();
     for (_, _, ground) in &grounds {
-        datums.push(datum(diagnosis, ground)?);
+        datums.push(datum(diagnosis, &objects(diagnosis), ground)?);
     }
     while at < diagnosis.effects.len() {
         let slid = diagnosis.effects[at].found.kind.name == SLIP.name;
@@ -120,6 +122,7 @@ pub fn confirm(
             at += 1;
         }
     }
+    tell_apart(diagnosis, grounds.iter().map(|(.., ground)| ground))?;
     diagnosis.refit()?;
     let mut out = Vec::new();
     let all = objects(diagnosis);
@@ -279,7 +282,7 @@ fn confirm_lag(
 }
 
 /// The effects with columns.
-fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
+pub(super) fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
     let found = diagnosis.effects.iter().map(|effect| effect.found.clone());
     found.filter(|found| !found.taken_out()).collect()
 }
@@ -312,7 +315,7 @@ fn holds(
 }
 
 /// Place of effect `at` among those with columns.
-fn with_columns(diagnosis: &Diagnosis, at: usize) -> Option<usize> {
+pub(super) fn with_columns(diagnosis: &Diagnosis, at: usize) -> Option<usize> {
     let is_column = |effect: &NamedEffect| !effect.found.taken_out();
     is_column(diagnosis.effects.get(at)?).then(|| {
         diagnosis.effects[..at]
@@ -333,7 +336,7 @@ fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, Dy
 }
 
 /// Error there of the model with the effects `found`, and the size of the last of them there.
-fn error_on(
+pub(super) fn error_on(
     diagnosis: &Diagnosis,
     found: &[Found],
     ground: &Ground,
@@ -342,28 +345,39 @@ fn error_on(
     let model = fit_found(&diagnosis.motion, found)?;
     let mut theta = model.theta.as_slice().iter();
     let mut left = ground.y.clone();
-    let mut take = |column: &[f64], theta: f64| {
+    for (column, theta) in ground.base.iter().zip(theta.by_ref()) {
         for (left, value) in left.iter_mut().zip(column) {
             *left -= theta * value;
         }
-    };
-    for column in &ground.base {
-        take(column, theta.next().copied().unwrap_or(0.0));
     }
     let mut anew: Vec<Vec<f64>> = Vec::new();
     let mut size = 0.0;
-    for found in found {
+    let of_each: Vec<Vec<f64>> = found
+        .iter()
+        .map(|found| {
+            theta
+                .by_ref()
+                .take(found.terms().count())
+                .copied()
+                .collect()
+        })
+        .collect();
+    let of_recording = |found: &Found| found.kind.belongs == Belongs::Recording;
+    // What belongs to the recording is fitted to what all of the object leaves.
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by_key(|&i| of_recording(&found[i]));
+    for i in order {
+        let own = of_recording(&found[i]);
         let mut there = Found {
             datum,
-            ..found.clone()
+            ..found[i].clone()
         };
-        let own = found.kind.belongs == Belongs::Recording;
         if own {
             there.shape = reshaped(ground, &left, &anew, &there)?;
         }
         let mut sum = vec![0.0; ground.y.len()];
-        for (series, term) in there.series(&ground.motion).iter().zip(found.terms()) {
-            let theta = theta.next().copied().unwrap_or(0.0);
+        let terms = found[i].terms().zip(&of_each[i]);
+        for (series, (term, theta)) in there.series(&ground.motion).iter().zip(terms) {
             let column = ground.motion.regressor(series)?;
             for (sum, value) in sum.iter_mut().zip(&column) {
                 *sum += theta * value;
@@ -376,7 +390,9 @@ fn error_on(
                 }
             }
         }
-        size = rms(&sum);
+        if i + 1 == found.len() {
+            size = rms(&sum);
+        }
     }
     if anew.is_empty() {
         return Ok((rms(&left), size));
@@ -433,27 +449,37 @@ fn reshaped(
         .map_or_else(Vec::new, |found| found.shape))
 }
 
-/// Where the zero of the coordinate of another recording lies: within 3 % of the range, where the whole model fits best.
-fn datum(diagnosis: &Diagnosis, ground: &Ground) -> Result<f64, DynamicsError> {
-    let located = diagnosis.effects.iter().any(|effect| {
-        effect.found.kind.belongs == Belongs::Object
-            && effect
-                .found
-                .kind
-                .shape
-                .iter()
-                .any(|s| s.1 == crate::effect::library::Unit::Position)
+/// Where the zero of the coordinate of another recording lies: within 3 % of the range, where the model with `found` fits best.
+pub(super) fn datum(
+    diagnosis: &Diagnosis,
+    found: &[Found],
+    ground: &Ground,
+) -> Result<f64, DynamicsError> {
+    let located = found.iter().any(|found| {
+        let mut shape = found.kind.shape.iter();
+        found.kind.belongs == Belongs::Object && shape.any(|s| s.1 == Unit::Position)
     });
     if !located || diagnosis.is_table {
         return Ok(0.0);
     }
     let mut best = (0.0, f64::INFINITY);
-    let all = objects(diagnosis);
+    let mut width = DATUM_STEP * ground.scope().range();
     for step in -DATUM_STEPS..=DATUM_STEPS {
-        let datum = f64::from(step) * DATUM_STEP * ground.scope().range();
-        let (error, _) = error_on(diagnosis, &all, ground, datum)?;
+        let datum = f64::from(step) * width;
+        let (error, _) = error_on(diagnosis, found, ground, datum)?;
         if error < 0.995 * best.1 || (error < best.1 && step == 0) {
             best = (datum, error);
+        }
+    }
+    // Loads that hold each other move the effort far more than what is left of them.
+    for _ in 0..DATUM_HALVINGS {
+        width *= 0.5;
+        let middle = best.0;
+        for datum in [middle - width, middle + width] {
+            let (error, _) = error_on(diagnosis, found, ground, datum)?;
+            if error < best.1 {
+                best = (datum, error);
+            }
         }
     }
     Ok(best.0)

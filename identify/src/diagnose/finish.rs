@@ -33,6 +33,21 @@ const CONTAIN: [(&str, &str); 8] = [
     ("backlash", "grasp_compliance"),
 ];
 
+fn are(pair: (&str, &str), a: &str, b: &str) -> bool {
+    pair == (a, b) || pair == (b, a)
+}
+
+/// Whether they are play and a grasp that gives.
+pub(super) fn are_crude(a: &str, b: &str) -> bool {
+    are(CRUDE, a, b)
+}
+
+/// Whether no motion tells them apart, or one of them holds the other as a special case and is no cruder for it.
+pub(super) fn are_of_one_class(a: &str, b: &str) -> bool {
+    let contains = CONTAIN.iter().any(|pair| are(*pair, a, b));
+    !are_crude(a, b) && (contains || are(ALIAS, a, b))
+}
+
 impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
@@ -220,8 +235,7 @@ impl State {
             .iter()
             .filter(|entry| entry.kind.name != name)
             .filter(|entry| {
-                let are = |pair| [(entry.kind.name, name), (name, entry.kind.name)].contains(&pair);
-                let alias = are(ALIAS) || are(CRUDE);
+                let alias = are(ALIAS, entry.kind.name, name) || are_crude(entry.kind.name, name);
                 let least = if alias { ALIAS_GAIN } else { 0.85 };
                 seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
@@ -230,18 +244,18 @@ impl State {
                 let crude = CRUDE == (name, entry.kind.name);
                 !contains || crude || entry.mse < 0.95 * own
             })
-            .map(|entry| ambiguity(entry.kind))
+            .map(|entry| ambiguity(entry.kind, Some(entry.found(&self.ground))))
             .collect();
         // A strut whose rate cannot be seen apart from the weight.
         let rate_is_hidden = |f: &Found| core::ptr::eq(f.kind, &STRUT) && !f.used[0];
         if name == "gravity" && self.effects.iter().any(|(f, _)| rate_is_hidden(f)) {
             alike.retain(|a| a.name != STRUT.name);
-            alike.push(ambiguity(&STRUT));
+            alike.push(ambiguity(&STRUT, None));
         }
         for hidden in self.hidden_in(i)? {
             let contains = CONTAIN.contains(&(hidden.name, name));
             if !contains && alike.iter().all(|a| a.name != hidden.name) {
-                alike.push(ambiguity(hidden));
+                alike.push(ambiguity(hidden, None));
             }
         }
         Ok(alike)
@@ -383,9 +397,10 @@ const SURE_CURVE: f64 = 0.6;
 /// Curves over the coordinate that can sit anywhere: two or three of them make up any load.
 const CURVES: [&str; 2] = ["detent", "ripple"];
 
-fn ambiguity(kind: &Kind) -> Ambiguity {
+fn ambiguity(kind: &Kind, rival: Option<Found>) -> Ambiguity {
     Ambiguity {
         name: kind.name,
         told_apart_by: kind.separate,
+        rival,
     }
 }

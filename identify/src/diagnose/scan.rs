@@ -2,7 +2,7 @@
 
 use super::model::{Candidate, Found, Ground, friction_holds, signs_hold};
 use super::score::Problem;
-use super::shapes::polished;
+use super::shapes::{moments, polished};
 use crate::effect::library::{Kind, Search};
 use crate::least_squares::rms;
 use crate::motion::MotionError;
@@ -215,6 +215,9 @@ fn refine(
             shape[k] *= level;
             consider(&mut best, shape)?;
         }
+    }
+    for shape in moments(kind, &start.shape) {
+        consider(&mut best, shape)?;
     }
     let polished = polished(
         ground,

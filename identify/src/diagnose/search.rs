@@ -14,12 +14,14 @@ use crate::noise::{self, NoiseFloor};
 use crate::samples::JointSamples;
 
 /// An effect that fits nearly as well.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug)]
 pub struct Ambiguity {
     /// Its name.
     pub name: &'static str,
     /// The motion or measurement that would tell the two apart.
     pub told_apart_by: &'static str,
+    /// It with its shape, in the place of the effect; nothing when only a part of the effect may be it.
+    pub rival: Option<Found>,
 }
 
 /// An effect that was added.
@@ -211,7 +213,8 @@ impl State {
 
     /// Where something is left beside several dampers and two or more other effects, looks for the dampers anew beside these: the places
     /// of the first are chosen while what comes later is missing, and hold the others where they are. What is found so is taken when it
-    /// errs a twentieth less, and not by a curve of no name.
+    /// errs a twentieth less, and not by a curve of no name. By the errors with the signs of physics: a damper of the wrong sign may
+    /// reach the floor, and has hidden what is there.
     fn search_dampers_again(&mut self) -> Result<(), DynamicsError> {
         let is_damper = |(found, _): &(Found, f64)| DAMPERS.contains(&found.kind.name);
         let dampers = self
@@ -223,7 +226,7 @@ impl State {
         if dampers < 2 || self.effects.len() < dampers + 2 {
             return Ok(());
         }
-        let before = self.error()?;
+        let before = self.error_with_signs()?;
         if before < EXPLAINED_BELOW * self.floor.rms {
             return Ok(());
         }
@@ -240,7 +243,7 @@ impl State {
         }
         self.bank.extend(lag);
         let came = had_curve == self.ground.curve.is_empty();
-        if came || self.error()? > RIVAL_BELOW * before {
+        if came || self.error_with_signs()? > RIVAL_BELOW * before {
             self.put_back(as_was);
         }
         Ok(())
@@ -328,6 +331,7 @@ impl State {
     }
 
     fn tidy(&mut self) -> Result<(), DynamicsError> {
+        self.retime()?;
         self.reform()?;
         self.swap()?;
         self.prune()

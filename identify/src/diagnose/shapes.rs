@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
 use super::score::{factor, gram};
-use crate::effect::library::Search;
+use crate::effect::library::{Kind, Search};
 use crate::products::dot;
 
 const ITERATIONS: usize = 40;
@@ -68,6 +68,30 @@ impl Free {
         if self.by_factor { 0.02 } else { 4e-3 }
     }
 }
+
+/// The shape with its moment, where it has one, on a grid about where it is: the error has many minima over it, one in each stroke and
+/// rest, between which no polish steps.
+pub(super) fn moments(kind: &Kind, shape: &[f64]) -> Vec<Vec<f64>> {
+    let moment = kind.shape.iter().enumerate().find_map(|(k, of)| {
+        let Search::Seconds(within) = of.2 else {
+            return None;
+        };
+        Some((k, within))
+    });
+    let Some((k, within)) = moment else {
+        return Vec::new();
+    };
+    let steps = (-MOMENTS..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS) * within);
+    let moved = steps.map(|step| {
+        let mut shape = shape.to_vec();
+        shape[k] += step;
+        shape
+    });
+    moved.collect()
+}
+
+/// Moments on either side.
+const MOMENTS: i32 = 16;
 
 /// The columns beside the effects and the effort, with what they have in common.
 struct Beside<'a> {

@@ -5,7 +5,7 @@ use super::model::{Found, is_load, signs_hold};
 use super::scan::{LEVELS, Look, WORSE, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
-use super::shapes::polished;
+use super::shapes::{moments, polished};
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search, kind};
 use crate::effect::measurement::GRASP_COMPLIANCE;
@@ -139,6 +139,33 @@ impl State {
         Ok(())
     }
 
+    /// Looks for the moments of changes anew: they were chosen while other effects were missing.
+    pub(super) fn retime(&mut self) -> Result<(), DynamicsError> {
+        for i in 0..self.effects.len() {
+            let found = self.effects[i].0.clone();
+            let shapes = moments(found.kind, &found.shape);
+            if shapes.is_empty() {
+                continue;
+            }
+            let x = self.without(i)?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let mut least = self.own_mse(&problem, &found).unwrap_or(f64::INFINITY);
+            for shape in shapes {
+                let moved = Found {
+                    shape,
+                    ..found.clone()
+                };
+                let mse = self.own_mse(&problem, &moved).unwrap_or(f64::INFINITY);
+                if mse < least {
+                    least = mse;
+                    self.effects[i].0 = moved;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Tries the other form of what has two: the first was chosen while other effects were missing.
     pub(super) fn reform(&mut self) -> Result<(), DynamicsError> {
         for i in 0..self.effects.len() {
@@ -247,6 +274,15 @@ impl State {
         let problem = Problem::new(&x, &efforts, &self.ground.folds);
         let alone = problem.complete(&[]);
         Ok(alone.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
+    }
+
+    /// The same with terms of the signs that physics allows; beside a curve, of which no bounded fit is made, without.
+    pub(super) fn error_with_signs(&self) -> Result<f64, DynamicsError> {
+        if self.ground.curve.is_empty() {
+            Ok(self.fit()?.held_out_rms)
+        } else {
+            self.error()
+        }
     }
 
     /// Columns of the model without effect `i`; a curve is none when the effect is one that it could stand in for.

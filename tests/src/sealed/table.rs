@@ -67,6 +67,18 @@ fn asked(judged: &[Judged], out: &mut String) {
             draws,
             by_itself,
         );
+        line(
+            out,
+            &format!("{what}: first, with {CLASS} as one class"),
+            draws,
+            |j| first_of_class(j).is_some(),
+        );
+        line(
+            out,
+            &format!("{what}: first, with no look-alike, with {CLASS} as one class"),
+            draws,
+            |j| first_of_class(j).is_some_and(|alike| alike.is_empty()),
+        );
         line(out, &format!("{what}: a wrong name too"), draws, |j| {
             !j.wrong.is_empty()
         });
@@ -122,6 +134,24 @@ fn asked(judged: &[Judged], out: &mut String) {
         quantile(&seconds, 0.5),
         quantile(&seconds, 1.0)
     );
+}
+
+/// What no motion tells apart: on moving samples their regressors agree.
+const ONE_CLASS: [&str; 2] = ["constant_load", "asymmetric_coulomb"];
+const CLASS: &str = "constant_load and asymmetric_coulomb";
+
+/// The look-alikes beside the first name of a draw with one effect, when that name is the true one; members of the class are one name.
+fn first_of_class(judged: &Judged) -> Option<Vec<&'static str>> {
+    let class = |name: &'static str| {
+        if ONE_CLASS.contains(&name) {
+            ONE_CLASS[0]
+        } else {
+            name
+        }
+    };
+    let (first, alike) = judged.first.as_ref()?;
+    let others = alike.iter().filter(|name| class(name) != class(first));
+    (class(first) == class(judged.truth.first()?)).then(|| others.copied().collect())
 }
 
 /// The row that a draw belongs to.

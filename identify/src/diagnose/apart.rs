@@ -1,0 +1,82 @@
+//! Look-alikes told apart by the other recordings of the same object: what did nearly as well in the place of an effect on the
+//! first recording must do so on these, too.
+
+use super::confirm::{datum, error_on, objects, with_columns};
+use super::finish::{are_crude, are_of_one_class};
+use super::model::{Found, Ground};
+use super::search::{Ambiguity, Diagnosis, fit_found};
+use crate::dynamics::DynamicsError;
+
+/// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so
+/// many times that of the effect in the mean over all recordings, the first included.
+const APART: f64 = 1.03;
+/// The same for play and a grasp that gives: the forms of both are cruder than the difference between them may be.
+const CRUDE_APART: f64 = 1.08;
+
+/// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.
+///
+/// The terms of the model with the look-alike are those of the first recording, as those of the model with the effect are. What no
+/// motion tells apart (a constant and a friction of two sizes), what holds the other as a special case, and what only a part of an
+/// effect may be stays.
+pub(super) fn tell_apart<'a>(
+    diagnosis: &mut Diagnosis,
+    grounds: impl Iterator<Item = &'a Ground> + Clone,
+) -> Result<(), DynamicsError> {
+    let found = objects(diagnosis);
+    for i in 0..diagnosis.effects.len() {
+        let Some(place) = with_columns(diagnosis, i) else {
+            continue;
+        };
+        let own = errors(diagnosis, &found, grounds.clone())?;
+        let mut alike = Vec::new();
+        for one in core::mem::take(&mut diagnosis.effects[i].ambiguous_with) {
+            let stays = match &one.rival {
+                Some(rival) => {
+                    let mut with = found.clone();
+                    with[place] = rival.clone();
+                    !is_apart(
+                        &one,
+                        found[place].kind.name,
+                        &own,
+                        &errors(diagnosis, &with, grounds.clone())?,
+                    )
+                }
+                None => true,
+            };
+            if stays {
+                alike.push(one);
+            }
+        }
+        diagnosis.effects[i].ambiguous_with = alike;
+    }
+    Ok(())
+}
+
+/// Whether the errors of the model with a look-alike, on the first and on the confirming recordings, tell it from the effect `name`.
+fn is_apart(alike: &Ambiguity, name: &'static str, own: &[f64], its: &[f64]) -> bool {
+    if are_of_one_class(alike.name, name) {
+        return false;
+    }
+    let ratios = || its.iter().zip(own).map(|(its, own)| (its / own).powi(2));
+    let mean = ratios().sum::<f64>() / own.len() as f64;
+    let least = if are_crude(alike.name, name) {
+        CRUDE_APART
+    } else {
+        APART
+    };
+    ratios().skip(1).all(|ratio| ratio > 1.0) && mean > least
+}
+
+/// Held-out error of a model on the first recording, and its errors on the others.
+fn errors<'a>(
+    diagnosis: &Diagnosis,
+    found: &[Found],
+    grounds: impl Iterator<Item = &'a Ground>,
+) -> Result<Vec<f64>, DynamicsError> {
+    let mut out = vec![fit_found(&diagnosis.motion, found)?.held_out_rms];
+    for ground in grounds {
+        let datum = datum(diagnosis, found, ground)?;
+        out.push(error_on(diagnosis, found, ground, datum)?.0);
+    }
+    Ok(out)
+}
