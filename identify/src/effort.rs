@@ -156,7 +156,10 @@ pub fn joint_effort(
     let tool_position = taken_back.into_iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let work = payload.map_or_else(
         || Work::unknown(q.len()),
-        |payload| Work::of(tool, kinematics, &index, payload, &axis),
+        |payload| {
+            let handle = Point3::from(tool_position);
+            Work::of(tool, kinematics, &index, payload, &axis, &handle)
+        },
     );
     let samples = JointSamples {
         kind: axis.kind,
@@ -218,11 +221,21 @@ struct Work {
     tau: Vec<f64>,
     /// What was taken off for the tool to get it.
     own: Vec<f64>,
-    /// Force along the two perpendiculars of the axis.
+    /// Force along the two directions [`across`].
     across: Vec<Vec<f64>>,
     nonwork: NonWork,
     /// Mean inertia of the tool about the joint, its mass taken as a point: kg m^2 or kg.
     tool_inertia: f64,
+}
+
+/// Two perpendiculars of the axis: of a hinge the first is the way from it to the tool at `q = 0`, and the second is that along which
+/// the tool then goes.
+fn across(axis: &ScrewAxis, handle: &Point3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let along = axis.velocity_at(handle);
+    match (axis.kind, along.try_normalize(0.0)) {
+        (JointKind::Revolute, Some(along)) => (along.cross(&axis.direction), along),
+        _ => perpendiculars(&axis.direction),
+    }
 }
 
 /// [`Work`] at one sample, and the size of what does none.
@@ -258,9 +271,10 @@ impl Work {
         index: &[usize],
         payload: &Payload,
         axis: &ScrewAxis,
+        handle: &Point3<f64>,
     ) -> Self {
         let direction = axis.direction.into_inner();
-        let (first, second) = perpendiculars(&axis.direction);
+        let (first, second) = across(axis, handle);
         let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
         let samples = in_parallel(index, |&i| {
             let tcp = tool.position[i];

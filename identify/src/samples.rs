@@ -29,8 +29,9 @@ pub struct JointSamples {
 /// What a recording of a tool knows beside coordinate and effort; empty for tables.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Aside {
-    /// Force on the object along the two perpendiculars of the joint's axis that [`crate::screw::perpendiculars`] gives, fixed in
-    /// `world`, N.
+    /// Force on the object along two perpendiculars of the joint's axis, fixed in `world`, N: of a hinge the first is the way from it to
+    /// the tool at `q = 0`, and with the axis the second makes a right-handed frame of them; of a slide they are those that
+    /// [`crate::screw::perpendiculars`] gives.
     pub across: Vec<Vec<f64>>,
     /// Effort of the tool's own weight and inertia, which was taken off what the sensor measured to get `tau`: it belongs to the
     /// time of the poses, not of the wrench. Empty when nothing was taken off.

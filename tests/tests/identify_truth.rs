@@ -99,14 +99,15 @@ impl Pair {
 }
 
 /// Effects beside a door's closer: dampers whose places were found before the catch was hold them until they are looked for anew, one
-/// that ends a little early takes the catch's place, one of the wrong sign reaches the floor without it, and a grasp that gives hides
-/// behind them on another recording. All of these draws were missed before these were mended.
+/// that ends a little early takes the catch's place, one of the wrong sign reaches the floor without it, an axis that moves needs
+/// forces across the path that hold the effort itself, and a grasp that gives hides behind them on another recording. All of these draws were missed before these were mended.
 #[test]
 fn what_stands_beside_the_dampers_of_a_closer_is_named() {
     let draws = [
         (8_900_282, "catch"),
         (9_300_242, "catch"),
         (9_700_279, "catch"),
+        (9_700_194, "axis_offset"),
         (8_900_008, "grasp_compliance"),
     ];
     for (seed, name) in draws {

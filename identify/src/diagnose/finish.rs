@@ -341,7 +341,10 @@ fn drop_doubtful(
                 (false, true) => SURE_FAR,
                 (false, false) => SURE,
             };
-            let doubtful = (share < sure || curve && curves > 1) && !known(found);
+            // What explains more than all that stays above the floor is no stand-in for it.
+            let stays = after.powi(2) - floor.powi(2);
+            let little = share < sure && (curve || before.powi(2) - after.powi(2) < stays);
+            let doubtful = (little || curve && curves > 1) && !known(found);
             if doubtful && least.is_none_or(|(_, old, _)| share < old) {
                 least = Some((i, share, [before, after]));
             }

@@ -178,14 +178,11 @@ impl State {
                 seen.mse.sqrt()
             ));
         }
-        if size < LEAST_SIZE * floor {
-            let local = (self.share_touched(entry) / LOCAL).sqrt();
-            let least = LEAST_SIZE * local.clamp(LEAST_OF_LOCAL, 1.0);
-            if size < least * floor {
-                return Some(format!(
-                    "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
-                ));
-            }
+        let least = self.least_size(size, &entry.found(&self.ground), &entry.theta);
+        if size < least * floor {
+            return Some(format!(
+                "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
+            ));
         }
         if entry.helps < LEAST_HELPED {
             return Some(format!(
@@ -205,14 +202,22 @@ impl State {
 }
 
 impl State {
-    /// The share of the samples in which a candidate acts: 1 for a constant, little for what acts at one place only.
-    fn share_touched(&self, entry: &Ranked) -> f64 {
-        let Ok(columns) = self.ground.columns_of(entry.kind, &entry.shape) else {
+    /// So many noise floors an effect of this size must move the effort by at least.
+    pub(super) fn least_size(&self, size: f64, found: &Found, theta: &[f64]) -> f64 {
+        if size >= LEAST_SIZE * self.floor.rms {
+            return LEAST_SIZE;
+        }
+        let local = (self.share_touched(found, theta) / LOCAL).sqrt();
+        LEAST_SIZE * local.clamp(LEAST_OF_LOCAL, 1.0)
+    }
+
+    /// The share of the samples in which an effect acts: 1 for a constant, little for what acts at one place only.
+    fn share_touched(&self, found: &Found, theta: &[f64]) -> f64 {
+        let Ok(columns) = self.ground.columns_with(found) else {
             return 1.0;
         };
-        let used = columns.iter().zip(&entry.used).filter(|(_, used)| **used);
         let mut effort = vec![0.0; self.ground.y.len()];
-        for ((column, _), theta) in used.zip(&entry.theta) {
+        for (column, theta) in columns.iter().zip(theta) {
             for (effort, value) in effort.iter_mut().zip(column) {
                 *effort += theta * value;
             }

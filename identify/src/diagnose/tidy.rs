@@ -1,6 +1,6 @@
 //! After each effect: shapes of all anew, reliefs, replacements, and what has become superfluous.
 
-use super::gates::{LEAST_SIZE, most_of};
+use super::gates::most_of;
 use super::model::{Found, is_load, signs_hold};
 use super::scan::{LEVELS, Look, WORSE, look};
 use super::score::{Outcome, Problem};
@@ -377,7 +377,8 @@ impl State {
         while self.effects.len() > 1 {
             let mut least: Option<(usize, f64, f64, f64)> = None;
             for i in 0..self.effects.len() {
-                if self.is_sure(self.effects[i].0.kind) {
+                let found = &self.effects[i].0;
+                if self.is_sure(found.kind) {
                     continue;
                 }
                 let x = self.without(i)?;
@@ -386,10 +387,12 @@ impl State {
                 let Some(alone) = problem.alone() else {
                     continue;
                 };
-                let with = self
-                    .own_mse(&problem, &self.effects[i].0)
-                    .unwrap_or(f64::INFINITY);
+                let (with, theta) = self
+                    .beside(&problem, found)
+                    .map_or((f64::INFINITY, vec![]), |with| (with.mse, with.theta));
                 let size = (alone[0].mse - with).max(0.0).sqrt();
+                // Over what it must be at least.
+                let size = size / (self.least_size(size, found, &theta) * self.floor.rms);
                 if least.as_ref().is_none_or(|old| size < old.1) {
                     least = Some((i, size, alone[0].mse, with));
                 }
@@ -397,7 +400,7 @@ impl State {
             let Some((i, size, alone, with)) = least else {
                 break;
             };
-            if size >= LEAST_SIZE * self.floor.rms && with < 0.9 * alone {
+            if size >= 1.0 && with < 0.9 * alone {
                 break;
             }
             let (gone, _) = self.effects.remove(i);
