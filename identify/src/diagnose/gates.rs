@@ -3,7 +3,7 @@
 use super::model::{Found, is_load, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
-use crate::effect::library::Kind;
+use crate::effect::library::{Belongs, Kind};
 use crate::least_squares::rms;
 
 /// An effect must move the effort (held-out) by so many noise floors; one that acts in less than a share `LOCAL` of the samples by
@@ -202,9 +202,10 @@ impl State {
 }
 
 impl State {
-    /// So many noise floors an effect of this size must move the effort by at least.
+    /// So many noise floors an effect of this size must move the effort by at least. No less for what belongs to a recording: with its
+    /// terms and its moment free on another one, that confirms less.
     pub(super) fn least_size(&self, size: f64, found: &Found, theta: &[f64]) -> f64 {
-        if size >= LEAST_SIZE * self.floor.rms {
+        if size >= LEAST_SIZE * self.floor.rms || found.kind.belongs == Belongs::Recording {
             return LEAST_SIZE;
         }
         let local = (self.share_touched(found, theta) / LOCAL).sqrt();
