@@ -75,8 +75,8 @@ const TILT: f64 = 12.0 / (PI * PI);
 /// for the second: by places evenly over the range.
 fn axis_fitted(from: f64, range: f64) -> [[f64; 2]; 2] {
     let (mut gram, mut right) = (Matrix4::zeros(), Matrix4x2::zeros());
-    for k in 0..=PLACES {
-        let u = f64::from(k) / f64::from(PLACES);
+    for k in 0..PLACES {
+        let u = (f64::from(k) + 0.5) / f64::from(PLACES);
         let (sin, cos) = (from + range * u).sin_cos();
         let away = 0.5 * (1.0 - (PI * u).cos());
         // The distance is off by the axis' place and by the radius, the way along the path by the axis' place and by the angle's zero.
