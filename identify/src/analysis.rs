@@ -172,7 +172,7 @@ pub fn analyse_confirmed(
     })
 }
 
-/// Looks, asks the other recordings, and looks again without what they refused: something else may stand in its place.
+/// Looks, asks the other recordings, and looks again without the first that they refused: something else may stand in its place.
 fn confirmed_diagnosis(
     samples: &JointSamples,
     settings: &MotionSettings,
@@ -231,7 +231,7 @@ fn confirmed_change<'a>(
 const SAME: f64 = 0.4;
 
 /// After so many refusals by other recordings the search is not begun anew.
-const MOST_BARRED: usize = 3;
+const MOST_BARRED: usize = 6;
 
 /// Takes out a lag that was too small to be named.
 fn aligned(

@@ -49,6 +49,8 @@ pub struct Judged {
     pub named: Vec<Named>,
     /// The first of them that is not the object's own mechanism, or of this what looks like the truth before any other does.
     pub first: Option<Named>,
+    /// Whether that is the object's own.
+    pub first_is_own: bool,
     /// Best place of a true effect.
     pub place: Place,
     /// How many of the true effects are named or in an ambiguous set.
@@ -105,6 +107,7 @@ impl Judged {
                 smallest(&|effect| effect.alone.main.moved_rms),
                 smallest(&|effect| effect.alone.main.unabsorbed_rms),
             ],
+            first_is_own: first.as_ref().is_some_and(own),
             first: first.cloned(),
             place,
             found: expected

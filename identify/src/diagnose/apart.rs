@@ -1,10 +1,10 @@
 //! Look-alikes told apart by the other recordings of the same object: what did nearly as well in the place of an effect on the
 //! first recording must do so on these, too.
 
-use super::confirm::{datum, error_on, objects, with_columns};
+use super::confirm::{datum, error_on, objects, theta_of, with_columns};
 use super::finish::{are_crude, are_of_one_class};
 use super::model::{Found, Ground};
-use super::search::{Ambiguity, Diagnosis, fit_found};
+use super::search::{Ambiguity, Diagnosis, NamedEffect, fit_found};
 use crate::dynamics::DynamicsError;
 
 /// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so
@@ -15,7 +15,7 @@ const CRUDE_APART: f64 = 1.08;
 
 /// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.
 ///
-/// The terms of the model with the look-alike are those of the first recording, as those of the model with the effect are. What no
+/// The terms of the model with the look-alike are those that confirm an effect: of the first recording, but for what belongs to each. What no
 /// motion tells apart (a constant and a friction of two sizes), what holds the other as a special case, and what only a part of an
 /// effect may be stays.
 pub(super) fn tell_apart<'a>(
@@ -23,23 +23,24 @@ pub(super) fn tell_apart<'a>(
     grounds: impl Iterator<Item = &'a Ground> + Clone,
 ) -> Result<(), DynamicsError> {
     let found = objects(diagnosis);
+    let are_alike = |effect: &NamedEffect| effect.ambiguous_with.iter().any(|a| a.rival.is_some());
+    if grounds.clone().next().is_none() || !diagnosis.effects.iter().any(are_alike) {
+        return Ok(());
+    }
+    let own = errors(diagnosis, &found, grounds.clone())?;
     for i in 0..diagnosis.effects.len() {
         let Some(place) = with_columns(diagnosis, i) else {
             continue;
         };
-        let own = errors(diagnosis, &found, grounds.clone())?;
         let mut alike = Vec::new();
         for one in core::mem::take(&mut diagnosis.effects[i].ambiguous_with) {
             let stays = match &one.rival {
                 Some(rival) => {
                     let mut with = found.clone();
                     with[place] = rival.clone();
-                    !is_apart(
-                        &one,
-                        found[place].kind.name,
-                        &own,
-                        &errors(diagnosis, &with, grounds.clone())?,
-                    )
+                    // One that another effect holds leaves no fit: nothing tells it apart.
+                    let its = errors(diagnosis, &with, grounds.clone());
+                    !its.is_ok_and(|its| is_apart(&one, found[place].kind.name, &own, &its))
                 }
                 None => true,
             };
@@ -74,9 +75,10 @@ fn errors<'a>(
     grounds: impl Iterator<Item = &'a Ground>,
 ) -> Result<Vec<f64>, DynamicsError> {
     let mut out = vec![fit_found(&diagnosis.motion, found)?.held_out_rms];
+    let theta = theta_of(diagnosis, found)?;
     for ground in grounds {
         let datum = datum(diagnosis, found, ground)?;
-        out.push(error_on(diagnosis, found, ground, datum)?.0);
+        out.push(error_on(found, &theta, ground, datum)?.0);
     }
     Ok(out)
 }

@@ -49,8 +49,11 @@ const SURE: f64 = 0.5;
 const DATUM_STEPS: i32 = 6;
 const DATUM_STEP: f64 = 0.005;
 const DATUM_HALVINGS: usize = 5;
+/// Another zero must err so much less.
+const DATUM_BELOW: f64 = 0.995;
 
-/// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples).
+/// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples), and the look-alikes that they tell apart
+/// from what does.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -126,6 +129,13 @@ pub fn confirm(
     diagnosis.refit()?;
     let mut out = Vec::new();
     let all = objects(diagnosis);
+    // By number of effects.
+    let theta: Vec<Vec<f64>> = (0..=all.len())
+        .map(|count| theta_of(diagnosis, &all[..count]))
+        .collect::<Result<_, _>>()?;
+    let with = |count: usize, ground: &Ground, datum: f64| {
+        error_on(&all[..count], &theta[count], ground, datum).map(|(error, _)| error)
+    };
     for (number, ((file, samples, ground), datum)) in grounds.iter().zip(datums).enumerate() {
         let mut pairs = Vec::new();
         for count in 0..diagnosis.effects.len() {
@@ -144,18 +154,18 @@ pub fn confirm(
                 )?;
                 leave_probed(&mut left_in, &diagnosis.motion)?;
                 pairs.push([
-                    error_on(diagnosis, &all, &left_in, datum)?.0,
-                    error_on(diagnosis, &all, ground, datum)?.0,
+                    with(all.len(), &left_in, datum)?,
+                    with(all.len(), ground, datum)?,
                 ]);
                 continue;
             }
             let columns = with_columns(diagnosis, count).unwrap_or_default();
             pairs.push([
-                error_on(diagnosis, &all[..columns], ground, datum)?.0,
-                error_on(diagnosis, &all[..=columns], ground, datum)?.0,
+                with(columns, ground, datum)?,
+                with(columns + 1, ground, datum)?,
             ]);
         }
-        let last = error_on(diagnosis, &all, ground, datum)?.0;
+        let last = with(all.len(), ground, datum)?;
         out.push(Confirmation {
             file: (*file).clone(),
             rms: pairs,
@@ -301,12 +311,12 @@ fn holds(
     let tested = others.remove(own);
     let mut all = others.clone();
     all.push(tested.clone());
-    let (before, _) = error_on(diagnosis, &others, ground, datum)?;
-    let (after, size) = error_on(diagnosis, &all, ground, datum)?;
-    let gain = before * before - after * after;
     let model = fit_found(&diagnosis.motion, &all)?;
-    let without = fit_found(&diagnosis.motion, &others)?.held_out_rms;
-    let here = (without.powi(2) - model.held_out_rms.powi(2)).max(0.0);
+    let without = fit_found(&diagnosis.motion, &others)?;
+    let (before, _) = error_on(&others, without.theta.as_slice(), ground, datum)?;
+    let (after, size) = error_on(&all, model.theta.as_slice(), ground, datum)?;
+    let gain = before * before - after * after;
+    let here = (without.held_out_rms.powi(2) - model.held_out_rms.powi(2)).max(0.0);
     let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
     let size_here = contribution(&diagnosis.motion, &tested, theta)?;
     let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
@@ -335,15 +345,22 @@ fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, Dy
     Ok(rms(&sum))
 }
 
-/// Error there of the model with the effects `found`, and the size of the last of them there.
+/// Terms of the model with `found` on the first recording.
+pub(super) fn theta_of(diagnosis: &Diagnosis, found: &[Found]) -> Result<Vec<f64>, DynamicsError> {
+    Ok(fit_found(&diagnosis.motion, found)?
+        .theta
+        .as_slice()
+        .to_vec())
+}
+
+/// Error there of the model with the effects `found` and the terms `theta`, and the size of the last effect there.
 pub(super) fn error_on(
-    diagnosis: &Diagnosis,
     found: &[Found],
+    theta: &[f64],
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
-    let model = fit_found(&diagnosis.motion, found)?;
-    let mut theta = model.theta.as_slice().iter();
+    let mut theta = theta.iter();
     let mut left = ground.y.clone();
     for (column, theta) in ground.base.iter().zip(theta.by_ref()) {
         for (left, value) in left.iter_mut().zip(column) {
@@ -449,7 +466,7 @@ fn reshaped(
         .map_or_else(Vec::new, |found| found.shape))
 }
 
-/// Where the zero of the coordinate of another recording lies: within 3 % of the range, where the model with `found` fits best.
+/// Where the zero of the coordinate of another recording lies: within 4 % of the range, where the model with `found` fits best.
 pub(super) fn datum(
     diagnosis: &Diagnosis,
     found: &[Found],
@@ -462,25 +479,27 @@ pub(super) fn datum(
     if !located || diagnosis.is_table {
         return Ok(0.0);
     }
+    let theta = theta_of(diagnosis, found)?;
     let mut best = (0.0, f64::INFINITY);
     let mut width = DATUM_STEP * ground.scope().range();
     for step in -DATUM_STEPS..=DATUM_STEPS {
         let datum = f64::from(step) * width;
-        let (error, _) = error_on(diagnosis, found, ground, datum)?;
-        if error < 0.995 * best.1 || (error < best.1 && step == 0) {
+        let (error, _) = error_on(found, &theta, ground, datum)?;
+        if error < DATUM_BELOW * best.1 || (error < best.1 && step == 0) {
             best = (datum, error);
         }
     }
     // Loads that hold each other move the effort far more than what is left of them.
+    let mut finer = best;
     for _ in 0..DATUM_HALVINGS {
         width *= 0.5;
-        let middle = best.0;
-        for datum in [middle - width, middle + width] {
-            let (error, _) = error_on(diagnosis, found, ground, datum)?;
-            if error < best.1 {
-                best = (datum, error);
+        for datum in [finer.0 - width, finer.0 + width] {
+            let (error, _) = error_on(found, &theta, ground, datum)?;
+            if error < finer.1 {
+                finer = (datum, error);
             }
         }
     }
-    Ok(best.0)
+    let lower = finer.1 < DATUM_BELOW * best.1;
+    Ok(if lower { finer.0 } else { best.0 })
 }

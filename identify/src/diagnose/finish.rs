@@ -311,7 +311,7 @@ const LEAST_BESIDE: f64 = 3e-3;
 const HIDDEN: f64 = 0.3;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
-/// too little beside all others to be sure of its name, and all curves but one, because several could make up any load.
+/// too little beside all others to be sure of its name and less than what stays above the floor, and all curves but one, because several could make up any load.
 fn drop_doubtful(
     ground: &Ground,
     floor: f64,

@@ -6,8 +6,8 @@ use super::search::{Refused, State};
 use crate::effect::library::{Belongs, Kind};
 use crate::least_squares::rms;
 
-/// An effect must move the effort (held-out) by so many noise floors; one that acts in less than a share `LOCAL` of the samples by
-/// the less the fewer they are, down to `LEAST_OF_LOCAL` of that.
+/// An effect must move the effort (held-out) by so many noise floors; one of the object that acts in less than a share `LOCAL` of the
+/// samples by the less the fewer they are, down to `LEAST_OF_LOCAL` of that.
 pub(super) const LEAST_SIZE: f64 = 0.5;
 const LOCAL: f64 = 0.25;
 const LEAST_OF_LOCAL: f64 = 0.6;
@@ -178,11 +178,13 @@ impl State {
                 seen.mse.sqrt()
             ));
         }
-        let least = self.least_size(size, &entry.found(&self.ground), &entry.theta);
-        if size < least * floor {
-            return Some(format!(
-                "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
-            ));
+        if size < LEAST_SIZE * floor {
+            let least = self.least_size(&entry.found(&self.ground), &entry.theta);
+            if size < least * floor {
+                return Some(format!(
+                    "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
+                ));
+            }
         }
         if entry.helps < LEAST_HELPED {
             return Some(format!(
@@ -202,10 +204,10 @@ impl State {
 }
 
 impl State {
-    /// So many noise floors an effect of this size must move the effort by at least. No less for what belongs to a recording: with its
-    /// terms and its moment free on another one, that confirms less.
-    pub(super) fn least_size(&self, size: f64, found: &Found, theta: &[f64]) -> f64 {
-        if size >= LEAST_SIZE * self.floor.rms || found.kind.belongs == Belongs::Recording {
+    /// So many noise floors an effect must move the effort by at least. No less for what belongs to a recording: with its terms and its
+    /// moment free on another one, that confirms less.
+    pub(super) fn least_size(&self, found: &Found, theta: &[f64]) -> f64 {
+        if found.kind.belongs == Belongs::Recording {
             return LEAST_SIZE;
         }
         let local = (self.share_touched(found, theta) / LOCAL).sqrt();
@@ -214,7 +216,7 @@ impl State {
 
     /// The share of the samples in which an effect acts: 1 for a constant, little for what acts at one place only.
     fn share_touched(&self, found: &Found, theta: &[f64]) -> f64 {
-        let Ok(columns) = self.ground.columns_with(found) else {
+        let Ok(columns) = self.ground.filtered(found) else {
             return 1.0;
         };
         let mut effort = vec![0.0; self.ground.y.len()];

@@ -189,7 +189,7 @@ fn refine(
         };
         let own = &outcomes[0];
         let within = evidence(problem, kind, &used, before, own.fit);
-        if signs_hold(kind, &used, &own.theta) && within > least && own.mse < WORSE * best.mse {
+        if signs_hold(kind, &used, &own.theta) && within > least && own.mse < WORSE * start.mse {
             least = within;
             *best = Ranked {
                 kind,

@@ -12,6 +12,8 @@ use crate::effect::measurement::GRASP_COMPLIANCE;
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
 
+/// What an effect must take away of the squared error that is there without it.
+const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
@@ -162,6 +164,7 @@ impl State {
                     self.effects[i].0 = moved;
                 }
             }
+            self.unless_worse(Self::polish)?;
         }
         Ok(())
     }
@@ -390,17 +393,19 @@ impl State {
                 let (with, theta) = self
                     .beside(&problem, found)
                     .map_or((f64::INFINITY, vec![]), |with| (with.mse, with.theta));
-                let size = (alone[0].mse - with).max(0.0).sqrt();
-                // Over what it must be at least.
-                let size = size / (self.least_size(size, found, &theta) * self.floor.rms);
-                if least.as_ref().is_none_or(|old| size < old.1) {
-                    least = Some((i, size, alone[0].mse, with));
+                let alone = alone[0].mse;
+                let size = (alone - with).max(0.0).sqrt();
+                let moved = size / (self.least_size(found, &theta) * self.floor.rms);
+                // By how much it passes: by its size, and by its share of what is left without it.
+                let margin = moved.min(size / (LEAST_GAIN * alone).sqrt());
+                if least.as_ref().is_none_or(|old| margin < old.1) {
+                    least = Some((i, margin, alone, with));
                 }
             }
-            let Some((i, size, alone, with)) = least else {
+            let Some((i, margin, alone, with)) = least else {
                 break;
             };
-            if size >= 1.0 && with < 0.9 * alone {
+            if margin >= 1.0 {
                 break;
             }
             let (gone, _) = self.effects.remove(i);

@@ -151,7 +151,8 @@ fn first_of_class(judged: &Judged) -> Option<Vec<&'static str>> {
     };
     let (first, alike) = judged.first.as_ref()?;
     let others = alike.iter().filter(|name| class(name) != class(first));
-    (class(first) == class(judged.truth.first()?)).then(|| others.copied().collect())
+    let named = !judged.first_is_own && class(first) == class(judged.truth.first()?);
+    named.then(|| others.copied().collect())
 }
 
 /// The row that a draw belongs to.
