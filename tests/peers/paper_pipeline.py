@@ -1,6 +1,6 @@
 """The paper's pipeline in Python, to compare speeds with: NumPy, SciPy's NNLS, PyTorch on the CPU.
 
-Usage: paper_pipeline.py DIR [--window 0.155] [--rate 100] [--epochs 1200] [--patience 120]
+Usage: paper_pipeline.py DIR [--window 0.155] [--rate 100] [--epochs 1200] [--patience 120] [--threads N]
 
 DIR holds a recording's aligned streams as little-endian float64: wrench.f64 (stamp s, force N, torque N m), pose.f64 (stamp s,
 position m of the TCP, quaternion x y z w), and meta.json (marks and the sensor's place). `cargo run --release -p ft-tests --bin
@@ -102,6 +102,7 @@ def main():
     parser.add_argument("--rate", type=float, default=100.0)
     parser.add_argument("--epochs", type=int, default=1200)
     parser.add_argument("--patience", type=int, default=120)
+    parser.add_argument("--threads", type=int, help="of PyTorch; as many as it chooses by default")
     args = parser.parse_args()
     seconds, started = {}, time.perf_counter()
 
@@ -187,6 +188,8 @@ def main():
     out["rms"] = float(np.sqrt(np.mean(residual**2)))
     import torch  # its import is not part of the training's time
 
+    if args.threads:
+        torch.set_num_threads(args.threads)
     started = time.perf_counter()
     out["network_rms"], out["epochs"] = network(q, dq, residual, args.epochs, args.patience)
     out["threads"] = torch.get_num_threads()

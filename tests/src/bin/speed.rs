@@ -1,8 +1,11 @@
 //! `cargo run --release -p ft-tests --bin speed -- [SECONDS] [SCENARIO]`: the whole identification beside the paper's pipeline in Python
 //! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines.
 //!
-//! Python gets the streams as arrays and need not read the MCAP file; ours begins with the file. Debian's `python3-torch` is needed.
+//! Python gets the streams as arrays and need not read the MCAP file; ours begins with the file. PyTorch on as many threads as it
+//! chooses and, where that is another number, on all processors: on two that share a core it takes longer than on one.
+//! Debian's `python3-torch` is needed.
 
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -64,12 +67,62 @@ fn main() -> Result<(), Failure> {
     ));
 
     write_streams(folder.path(), &recording)?;
+    let own = python(folder.path(), &training, None)?;
+    let all = std::thread::available_parallelism()?.get();
+    let mut peers = vec![own];
+    if peers[0].threads != all {
+        peers.push(python(folder.path(), &training, Some(all))?);
+    }
+    let epochs = fit.mechanism.as_ref().map_or(0, |m| m.epochs);
+    println!(
+        "simulated {scenario}, {seconds} s; {} samples, {epochs} epochs in ours, {} samples, {} epochs in Python\n",
+        fit.samples, peers[0].samples, peers[0].epochs
+    );
+    let mut head = "| pipeline | s |".to_owned();
+    let mut rule = "|---|---|".to_owned();
+    for (peer, chosen) in peers.iter().zip(["its own choice", "all processors"]) {
+        write!(head, " Python on {} ({chosen}) / it |", peer.threads)?;
+        rule += "---|";
+    }
+    println!("{head}\n{rule}");
+    let row = |name: &str, time: f64| {
+        let ratios = peers
+            .iter()
+            .map(|peer| format!(" {:.1} |", peer.seconds / time));
+        println!("| {name} | {time:.2} |{}", ratios.collect::<String>());
+    };
+    for peer in &peers {
+        let name = format!("Python, PyTorch on {}: {}", peer.threads, peer.steps);
+        row(&name, peer.seconds);
+    }
+    for (name, time) in lap {
+        row(name, time.as_secs_f64());
+    }
+    Ok(())
+}
+
+/// A run of the pipeline in Python.
+struct Peer {
+    /// PyTorch's.
+    threads: usize,
+    samples: u64,
+    epochs: u64,
+    /// Of all steps.
+    seconds: f64,
+    /// The seconds of each.
+    steps: String,
+}
+
+/// Runs it on the streams in a folder; PyTorch on so many `threads`, or as many as it chooses.
+fn python(folder: &Path, training: &Training, threads: Option<usize>) -> Result<Peer, Failure> {
     let script = ft_tests::workspace_root().join("tests/peers/paper_pipeline.py");
-    let output = std::process::Command::new("/usr/bin/python3")
-        .arg(script)
-        .arg(folder.path())
-        .args(["--patience", &training.epochs.to_string()])
-        .output()?;
+    let mut command = std::process::Command::new("/usr/bin/python3");
+    command.arg(script).arg(folder);
+    command.args(["--patience", &training.epochs.to_string()]);
+    if let Some(threads) = threads {
+        command.args(["--threads", &threads.to_string()]);
+    }
+    let output = command.output()?;
     if !output.status.success() {
         let text = String::from_utf8_lossy(&output.stderr);
         return Err(format!(
@@ -77,26 +130,16 @@ fn main() -> Result<(), Failure> {
         )
         .into());
     }
-    let theirs: serde_json::Value = serde_json::from_slice(&output.stdout)?;
-    let steps = theirs["seconds"]
-        .as_object()
-        .ok_or("no times from Python")?;
-    let total: f64 = steps.values().filter_map(serde_json::Value::as_f64).sum();
-    let epochs = fit.mechanism.as_ref().map_or(0, |m| m.epochs);
-    println!(
-        "simulated {scenario}, {seconds} s; {} samples, {epochs} epochs in ours, {} samples, {} epochs, {} threads in Python\n",
-        fit.samples, theirs["samples"], theirs["epochs"], theirs["threads"]
-    );
-    println!("| pipeline | s | Python / it |\n|---|---|---|");
-    println!(
-        "| Python: {theirs_steps} | {total:.2} | 1 |",
-        theirs_steps = join(steps)
-    );
-    for (name, time) in lap {
-        let time = time.as_secs_f64();
-        println!("| {name} | {time:.2} | {:.1} |", total / time);
-    }
-    Ok(())
+    let said: serde_json::Value = serde_json::from_slice(&output.stdout)?;
+    let count = |name: &str| said[name].as_u64().ok_or("a number is missing from Python");
+    let steps = said["seconds"].as_object().ok_or("no times from Python")?;
+    Ok(Peer {
+        threads: usize::try_from(count("threads")?)?,
+        samples: count("samples")?,
+        epochs: count("epochs")?,
+        seconds: steps.values().filter_map(serde_json::Value::as_f64).sum(),
+        steps: join(steps),
+    })
 }
 
 fn join(steps: &serde_json::Map<String, serde_json::Value>) -> String {
