@@ -9,11 +9,13 @@
 //! stamps are compared.
 //!
 //! **Two frames lost in a row** can leave a first half and the second half of the next sample, a period behind it. A second half that
-//! was merely stamped late looks the same until the next first half comes: that one follows a late one within half a
-//! period, or the first half before within one and three quarters; behind a wrong one it is due a period later, two after the first half. So
-//! halves further apart than four fifths of a period (by the configured rate) wait for it, and what is not borne out, or still waits when
-//! the stream is lost, is refused, as two samples; what waits when nobody reads any more is neither received nor refused. What this cannot
-//! see: two frames lost in a row while one of the halves that are left is late, too, by a quarter of a period or more.
+//! was merely stamped late looks the same until the next first halves come: behind a late one the n-th comes n periods after the first half,
+//! or the first right behind it; behind a wrong one the n-th is due n + 1 periods after the first half, and none comes early. So
+//! halves further apart than four fifths of a period (by the configured rate) wait, and the samples after them, until one of the next
+//! [`FIRSTS`] first halves comes a quarter of a period before it is due behind a wrong one, or the first within half a period. What is not
+//! borne out, or still waits when the stream is lost, is refused, as two samples; what waits when nobody reads any more is neither
+//! received nor refused. What this cannot see: two frames lost in a row while one of the halves that are left is late, too, by a quarter
+//! of a period or more.
 //!
 //! Set-up, scale, sign, gaps: [`crate::robotous`]. The stamp of a sample is the second frame's arrival.
 
@@ -89,13 +91,20 @@ impl Orphans {
     }
 }
 
-/// Halves that may be of two samples, until the next first half tells.
+/// Halves that may be of two samples, until the next first halves tell.
 #[derive(Clone, Copy, Debug)]
 struct Doubted {
     response: Response,
     first_at: HostTime,
     second_at: HostTime,
+    /// First halves that came since.
+    firsts: u32,
+    /// Responses that came since and wait for their turn.
+    behind: [Option<(Response, HostTime)>; FIRSTS as usize],
 }
+
+/// So many first halves may bear out halves that are in doubt.
+const FIRSTS: u32 = 4;
 
 impl RobotousCan {
     /// A driver that begins at its first `handle_timeout`.
@@ -119,8 +128,14 @@ impl RobotousCan {
     fn refuse(&mut self, samples: u64) {
         if self.protocol.is_streaming() {
             self.refused += samples;
-            self.protocol.tell_missing(samples);
+            self.tell_missing(samples);
         }
+    }
+
+    /// So many samples are missing behind what came so far, doubted or not.
+    fn tell_missing(&mut self, samples: u64) {
+        self.end_doubt(false);
+        self.protocol.tell_missing(samples);
     }
 
     /// A second half came alone.
@@ -134,17 +149,18 @@ impl RobotousCan {
         });
         if !self.orphans.take(at) && !again {
             self.gaps += 1;
-            self.protocol.tell_missing(1);
+            self.tell_missing(1);
         }
     }
 
     fn on_first(&mut self, data: [u8; 8], at: HostTime) {
         self.protocol.on_traffic(at);
+        if self.first.is_some_and(|(before, _)| before == data) {
+            self.skipped += u64::from(self.protocol.is_streaming());
+            return;
+        }
         self.settle(at);
         match self.first {
-            Some((before, _)) if before == data => {
-                self.skipped += u64::from(self.protocol.is_streaming());
-            }
             Some((_, before_at))
                 if at.saturating_since(before_at) <= self.config.pairing_timeout =>
             {
@@ -192,34 +208,63 @@ impl RobotousCan {
         }
     }
 
-    /// Takes a response, unless its halves may be of two.
+    /// Takes a response, unless its halves, or those before it, may be of two.
     fn on_response(&mut self, response: Response, first_at: HostTime, second_at: HostTime) {
         let apart = second_at.saturating_since(first_at);
-        // Answers of the set-up come alone.
-        if matches!(response, Response::Stream(_)) && self.may_be_of_two(apart) {
+        // Answers of the set-up come alone, and wait for nothing.
+        let is_sample = matches!(response, Response::Stream(_));
+        if is_sample && self.may_be_of_two(apart) {
+            self.end_doubt(false);
             self.doubted = Some(Doubted {
                 response,
                 first_at,
                 second_at,
+                firsts: 0,
+                behind: [None; FIRSTS as usize],
             });
             return;
         }
-        self.protocol.on_response(response, second_at);
+        let waits = self.doubted.as_mut().filter(|_| is_sample);
+        match waits.and_then(|doubted| doubted.behind.iter_mut().find(|slot| slot.is_none())) {
+            Some(slot) => *slot = Some((response, second_at)),
+            None => {
+                self.end_doubt(false);
+                self.protocol.on_response(response, second_at);
+            }
+        }
     }
 
-    /// The next first half came `at`: it tells whether the halves before it were of one sample.
+    /// The next first half came `at`: it may tell that the halves in doubt were of one sample.
     fn settle(&mut self, at: HostTime) {
+        let period = self.period();
+        let Some(doubted) = &mut self.doubted else {
+            return;
+        };
+        doubted.firsts += 1;
+        let since = at.saturating_since(doubted.first_at);
+        let early = since < period * doubted.firsts + period * 3 / 4;
+        let right_behind =
+            doubted.firsts == 1 && at.saturating_since(doubted.second_at) < period / 2;
+        if early || right_behind {
+            self.end_doubt(true);
+        } else if doubted.firsts == FIRSTS {
+            self.end_doubt(false);
+        }
+    }
+
+    /// Takes the halves in doubt as one sample or refuses them as two, and takes what waits behind them.
+    fn end_doubt(&mut self, are_of_one: bool) {
         let Some(doubted) = self.doubted.take() else {
             return;
         };
-        let since = at.saturating_since(doubted.first_at);
-        let behind = at.saturating_since(doubted.second_at);
-        let period = self.period();
-        if since < period * 7 / 4 || behind < period / 2 {
+        if are_of_one {
             self.protocol
                 .on_response(doubted.response, doubted.second_at);
         } else {
             self.refuse(OF_TWO);
+        }
+        for (response, at) in doubted.behind.into_iter().flatten() {
+            self.protocol.on_response(response, at);
         }
     }
 
@@ -275,7 +320,9 @@ impl Device for RobotousCan {
         self.protocol.handle_timeout(now);
         if was_streaming && !self.protocol.is_streaming() {
             self.refused += u64::from(self.first.take().is_some());
-            self.refused += self.doubted.take().map_or(0, |_| OF_TWO);
+            self.refused += self.doubted.take().map_or(0, |doubted| {
+                OF_TWO + doubted.behind.iter().flatten().count() as u64
+            });
         }
     }
 

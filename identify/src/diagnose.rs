@@ -9,6 +9,7 @@
 mod apart;
 mod breakaway;
 mod confirm;
+mod elsewhere;
 mod evidence;
 mod finish;
 mod gates;

@@ -454,9 +454,8 @@ fn two_frames_lost_in_a_row_never_join_what_is_left_of_two_samples() {
     let mut bench = at_1_khz();
     loses_two_in_a_row(&mut bench);
     let counts = bench.device.counts();
-    assert_eq!((counts.received, counts.refused), (11, 2), "{counts:?}");
-    let wrenches = bench.wrenches();
-    assert_eq!(wrenches[10].wrench.force[0], 3.0 / 50.0);
+    assert_eq!((counts.received, counts.refused), (14, 2), "{counts:?}");
+    assert_eq!(forces(&bench)[10..], [0.06, 0.08, 0.1, 0.12]);
 }
 
 /// However long the answers of the set-up were in coming.
@@ -466,26 +465,38 @@ fn nor_do_they_among_the_first_samples_of_a_stream() {
     bench.advance_ms(1);
     loses_two_in_a_row(&mut bench);
     let counts = bench.device.counts();
-    assert_eq!((counts.received, counts.refused), (2, 2), "{counts:?}");
-    assert_eq!(bench.wrenches()[1].wrench.force[0], 3.0 / 50.0);
+    assert_eq!((counts.received, counts.refused), (5, 2), "{counts:?}");
+    assert_eq!(forces(&bench)[1..], [0.06, 0.08, 0.1, 0.12]);
     // The very first one is lost before samples flow.
     let mut bench = started(config());
     loses_two_in_a_row(&mut bench);
     let counts = bench.device.counts();
-    assert_eq!((counts.received, counts.refused), (1, 0), "{counts:?}");
-    assert_eq!(bench.wrenches()[0].wrench.force[0], 3.0 / 50.0);
+    assert_eq!((counts.received, counts.refused), (4, 0), "{counts:?}");
+    assert_eq!(forces(&bench), [0.06, 0.08, 0.1, 0.12]);
 }
 
-/// The second half of sample 1 and the first one of sample 2 are lost, at 1 kHz; sample 3 is whole.
+/// The second half of sample 1 and the first one of sample 2 are lost, at 1 kHz; samples 3 to 6 are whole.
 fn loses_two_in_a_row(bench: &mut Bench<RobotousCan>) {
-    let ([a, _], [_, b], [c1, c2]) = (numbered(1), numbered(2), numbered(3));
+    let ([a, _], [_, b]) = (numbered(1), numbered(2));
     bench.frame(&a).unwrap();
     bench.advance(Duration::from_micros(1_130));
     bench.frame(&b).unwrap();
-    bench.advance(Duration::from_micros(870));
-    bench.frame(&c1).unwrap();
-    bench.advance(Duration::from_micros(130));
-    bench.frame(&c2).unwrap();
+    for number in 3..=6 {
+        let [first, second] = numbered(number);
+        bench.advance(Duration::from_micros(870));
+        bench.frame(&first).unwrap();
+        bench.advance(Duration::from_micros(130));
+        bench.frame(&second).unwrap();
+    }
+}
+
+/// Along x, N.
+fn forces(bench: &Bench<RobotousCan>) -> Vec<f64> {
+    let wrenches = bench.wrenches();
+    wrenches
+        .iter()
+        .map(|reading| reading.wrench.force[0])
+        .collect()
 }
 
 #[test]
@@ -528,6 +539,39 @@ fn a_second_half_that_is_later_still_joins_when_the_next_sample_is_right_behind_
     }
     let counts = bench.device.counts();
     assert_eq!((counts.received, counts.refused), (12, 0), "{counts:?}");
+}
+
+#[test]
+fn a_late_second_half_still_joins_when_the_next_sample_is_late_too_and_the_one_after_it_is_not() {
+    let mut bench = at_1_khz();
+    let begin = bench.now;
+    let [a, b, c] = [1, 2, 3].map(numbered);
+    let stamps = [0, 1_023, 1_892, 1_893, 2_050, 2_180];
+    for (half, stamp) in [a, b, c].into_iter().flatten().zip(stamps) {
+        let at = begin + Duration::from_micros(stamp);
+        bench.advance(at.saturating_since(bench.now));
+        bench.frame(&half).unwrap();
+    }
+    let counts = bench.device.counts();
+    assert_eq!((counts.received, counts.refused), (13, 0), "{counts:?}");
+    assert_eq!(forces(&bench)[10..], [0.02, 0.04, 0.06]);
+}
+
+#[test]
+fn a_first_half_twice_bears_nothing_out() {
+    let mut bench = at_1_khz();
+    let ([a, _], [_, b], [c1, c2]) = (numbered(1), numbered(2), numbered(3));
+    for (half, us) in [(a, 0), (b, 1_130), (c1, 870), (c1, 100), (c2, 30)] {
+        bench.advance(Duration::from_micros(us));
+        bench.frame(&half).unwrap();
+    }
+    assert_eq!(bench.device.counts().received, 10);
+    bench.advance_ms(600);
+    let counts = bench.device.counts();
+    assert_eq!(
+        (counts.received, counts.refused, counts.skipped),
+        (10, 3, 1)
+    );
 }
 
 #[test]

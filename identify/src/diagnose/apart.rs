@@ -1,7 +1,8 @@
 //! Look-alikes told apart by the other recordings of the same object: what did nearly as well in the place of an effect on the
 //! first recording must do so on these, too.
 
-use super::confirm::{datum, error_on, objects, theta_of, with_columns};
+use super::confirm::{objects, with_columns};
+use super::elsewhere::{datum, error_on};
 use super::finish::{are_crude, are_of_one_class};
 use super::model::{Found, Ground};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, fit_found};
@@ -74,11 +75,12 @@ fn errors<'a>(
     found: &[Found],
     grounds: impl Iterator<Item = &'a Ground>,
 ) -> Result<Vec<f64>, DynamicsError> {
-    let mut out = vec![fit_found(&diagnosis.motion, found)?.held_out_rms];
-    let theta = theta_of(diagnosis, found)?;
+    let model = fit_found(&diagnosis.motion, found)?;
+    let theta = model.theta.as_slice();
+    let mut out = vec![model.held_out_rms];
     for ground in grounds {
-        let datum = datum(diagnosis, found, ground)?;
-        out.push(error_on(found, &theta, ground, datum)?.0);
+        let datum = datum(diagnosis, found, theta, ground)?;
+        out.push(error_on(found, theta, ground, datum)?.0);
     }
     Ok(out)
 }

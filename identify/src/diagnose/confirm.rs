@@ -1,19 +1,16 @@
 //! Whether an effect found in one recording is there in another one of the same object.
 //!
-//! Inertia, friction and the object's effects keep the numbers of the first recording; what belongs to a recording (bias,
-//! preload, lag, drift, the time of a switch) is fitted anew on the second and judged on its held-out strokes.
+//! The lag is fitted anew there and judged on its held-out strokes; all else by the errors of [`super::elsewhere`].
 
 use super::apart::tell_apart;
+use super::elsewhere::{datum, error_on};
 use super::model::{Found, Ground, is_known};
-use super::score::Problem;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
-use super::shapes::polished;
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Belongs, Search, Unit, kind};
+use crate::effect::library::kind;
 use crate::effect::slip::SLIP;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
-use crate::parallel::in_parallel;
 use crate::samples::{JointSamples, extrema};
 
 /// Errors on a confirming recording.
@@ -46,12 +43,6 @@ fn over_all(share: f64) -> bool {
 const LEAST_SHARE: f64 = 0.25;
 /// or take away this share of the squared error there: then other effects, fitted without it, hide a part of what it brings.
 const SURE: f64 = 0.5;
-const DATUM_STEPS: i32 = 6;
-const DATUM_STEP: f64 = 0.005;
-const DATUM_HALVINGS: usize = 5;
-/// Another zero must err so much less.
-const DATUM_BELOW: f64 = 0.995;
-
 /// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples), and the look-alikes that they tell apart
 /// from what does.
 ///
@@ -74,9 +65,11 @@ pub fn confirm(
         shares.push(leave_probed(ground, &diagnosis.motion)?);
     }
     let mut at = 0;
+    let found = objects(diagnosis);
+    let theta = terms_of(diagnosis, &found)?;
     let mut datums: Vec<f64> = Vec::new();
     for (_, _, ground) in &grounds {
-        datums.push(datum(diagnosis, &objects(diagnosis), ground)?);
+        datums.push(datum(diagnosis, &found, &theta, ground)?);
     }
     while at < diagnosis.effects.len() {
         let slid = diagnosis.effects[at].found.kind.name == SLIP.name;
@@ -131,7 +124,7 @@ pub fn confirm(
     let all = objects(diagnosis);
     // By number of effects.
     let theta: Vec<Vec<f64>> = (0..=all.len())
-        .map(|count| theta_of(diagnosis, &all[..count]))
+        .map(|count| terms_of(diagnosis, &all[..count]))
         .collect::<Result<_, _>>()?;
     let with = |count: usize, ground: &Ground, datum: f64| {
         error_on(&all[..count], &theta[count], ground, datum).map(|(error, _)| error)
@@ -297,6 +290,14 @@ pub(super) fn objects(diagnosis: &Diagnosis) -> Vec<Found> {
     found.filter(|found| !found.taken_out()).collect()
 }
 
+/// Terms of the model with `found` on the first recording.
+fn terms_of(diagnosis: &Diagnosis, found: &[Found]) -> Result<Vec<f64>, DynamicsError> {
+    Ok(fit_found(&diagnosis.motion, found)?
+        .theta
+        .as_slice()
+        .to_vec())
+}
+
 /// The pair of errors when effect `at` does not help there, beside all others.
 fn holds(
     diagnosis: &Diagnosis,
@@ -343,163 +344,4 @@ fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, Dy
         }
     }
     Ok(rms(&sum))
-}
-
-/// Terms of the model with `found` on the first recording.
-pub(super) fn theta_of(diagnosis: &Diagnosis, found: &[Found]) -> Result<Vec<f64>, DynamicsError> {
-    Ok(fit_found(&diagnosis.motion, found)?
-        .theta
-        .as_slice()
-        .to_vec())
-}
-
-/// Error there of the model with the effects `found` and the terms `theta`, and the size of the last effect there.
-pub(super) fn error_on(
-    found: &[Found],
-    theta: &[f64],
-    ground: &Ground,
-    datum: f64,
-) -> Result<(f64, f64), DynamicsError> {
-    let mut theta = theta.iter();
-    let mut left = ground.y.clone();
-    for (column, theta) in ground.base.iter().zip(theta.by_ref()) {
-        for (left, value) in left.iter_mut().zip(column) {
-            *left -= theta * value;
-        }
-    }
-    let mut anew: Vec<Vec<f64>> = Vec::new();
-    let mut size = 0.0;
-    let of_each: Vec<Vec<f64>> = found
-        .iter()
-        .map(|found| {
-            theta
-                .by_ref()
-                .take(found.terms().count())
-                .copied()
-                .collect()
-        })
-        .collect();
-    let of_recording = |found: &Found| found.kind.belongs == Belongs::Recording;
-    // What belongs to the recording is fitted to what all of the object leaves.
-    let mut order: Vec<usize> = (0..found.len()).collect();
-    order.sort_by_key(|&i| of_recording(&found[i]));
-    for i in order {
-        let own = of_recording(&found[i]);
-        let mut there = Found {
-            datum,
-            ..found[i].clone()
-        };
-        if own {
-            there.shape = reshaped(ground, &left, &anew, &there)?;
-        }
-        let mut sum = vec![0.0; ground.y.len()];
-        let terms = found[i].terms().zip(&of_each[i]);
-        for (series, (term, theta)) in there.series(&ground.motion).iter().zip(terms) {
-            let column = ground.motion.regressor(series)?;
-            for (sum, value) in sum.iter_mut().zip(&column) {
-                *sum += theta * value;
-            }
-            if own || term.0 == "preload" {
-                anew.push(column);
-            } else {
-                for (left, value) in left.iter_mut().zip(&column) {
-                    *left -= theta * value;
-                }
-            }
-        }
-        if i + 1 == found.len() {
-            size = rms(&sum);
-        }
-    }
-    if anew.is_empty() {
-        return Ok((rms(&left), size));
-    }
-    let ys = [left.clone()];
-    let problem = Problem::new(&anew, &ys, &ground.folds);
-    let error = problem
-        .alone()
-        .map_or_else(|| rms(&left), |outcome| outcome[0].mse.sqrt());
-    Ok((error, size))
-}
-
-/// The shape that fits a recording's own effect there.
-fn reshaped(
-    ground: &Ground,
-    left: &[f64],
-    anew: &[Vec<f64>],
-    found: &Found,
-) -> Result<Vec<f64>, DynamicsError> {
-    if found.kind.shape.iter().all(|s| s.2 == Search::Fixed) {
-        return Ok(found.shape.clone());
-    }
-    let ys = [left.to_vec()];
-    let problem = Problem::new(anew, &ys, &ground.folds);
-    let grid = (found.kind.grid)(&ground.scope());
-    let costs = in_parallel(&grid, |shape| {
-        let trial = Found {
-            shape: shape.clone(),
-            ..found.clone()
-        };
-        let columns: Option<Vec<Vec<f64>>> = trial
-            .series(&ground.motion)
-            .iter()
-            .map(|series| ground.motion.regressor(series).ok())
-            .collect();
-        let columns = columns.unwrap_or_default();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        problem
-            .with(&columns, 1)
-            .map_or(f64::INFINITY, |outcome| outcome[0].mse)
-    });
-    let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    let Some(best) = best else {
-        return Ok(found.shape.clone());
-    };
-    let start = Found {
-        shape: grid[best].clone(),
-        ..found.clone()
-    };
-    let better = polished(ground, anew, left, vec![start]);
-    Ok(better
-        .into_iter()
-        .next()
-        .map_or_else(Vec::new, |found| found.shape))
-}
-
-/// Where the zero of the coordinate of another recording lies: within 4 % of the range, where the model with `found` fits best.
-pub(super) fn datum(
-    diagnosis: &Diagnosis,
-    found: &[Found],
-    ground: &Ground,
-) -> Result<f64, DynamicsError> {
-    let located = found.iter().any(|found| {
-        let mut shape = found.kind.shape.iter();
-        found.kind.belongs == Belongs::Object && shape.any(|s| s.1 == Unit::Position)
-    });
-    if !located || diagnosis.is_table {
-        return Ok(0.0);
-    }
-    let theta = theta_of(diagnosis, found)?;
-    let mut best = (0.0, f64::INFINITY);
-    let mut width = DATUM_STEP * ground.scope().range();
-    for step in -DATUM_STEPS..=DATUM_STEPS {
-        let datum = f64::from(step) * width;
-        let (error, _) = error_on(found, &theta, ground, datum)?;
-        if error < DATUM_BELOW * best.1 || (error < best.1 && step == 0) {
-            best = (datum, error);
-        }
-    }
-    // Loads that hold each other move the effort far more than what is left of them.
-    let mut finer = best;
-    for _ in 0..DATUM_HALVINGS {
-        width *= 0.5;
-        for datum in [finer.0 - width, finer.0 + width] {
-            let (error, _) = error_on(found, &theta, ground, datum)?;
-            if error < finer.1 {
-                finer = (datum, error);
-            }
-        }
-    }
-    let lower = finer.1 < DATUM_BELOW * best.1;
-    Ok(if lower { finer.0 } else { best.0 })
 }
