@@ -122,9 +122,10 @@ pub fn analyse_confirmed(
     settings: &MotionSettings,
     others: &[(String, JointSamples)],
 ) -> Result<Analysis, DynamicsError> {
-    let (mut diagnosis, confirmed) = confirmed_diagnosis(samples, settings, others)?;
+    let (mut diagnosis, mut confirmed) = confirmed_diagnosis(samples, settings, others)?;
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
+    drop_useless(&mut diagnosis, &mut confirmed)?;
     let base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let named = diagnosis.model.clone();
@@ -133,7 +134,10 @@ pub fn analyse_confirmed(
     let mut floor = noise::floor(samples, motion, &full, slopes)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
     let tau = motion.regressor(&motion.tau)?;
-    let (verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
+    let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
+    if diagnosis.effects.is_empty() && full.terms.iter().all(|term| term.value.is_none()) {
+        verdict = Verdict::NotIdentifiable;
+    }
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
     let (low, high) = samples.q_range();
     let at =
@@ -285,6 +289,41 @@ fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     if diagnosis.model.held_out_rms > model.held_out_rms {
         diagnosis.motion.slides = slides;
         (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
+    }
+    Ok(())
+}
+
+/// Takes out of a table's model, one after the other, what lowers no error on held-out strokes beside all others: a lag or turns that
+/// were taken out since may have been what it stood for. A recording's effects have evidence elsewhere, too.
+fn drop_useless(
+    diagnosis: &mut Diagnosis,
+    confirmed: &mut [Confirmation],
+) -> Result<(), DynamicsError> {
+    while diagnosis.is_table {
+        let mut useless = None;
+        for i in 0..diagnosis.effects.len() {
+            let mut without = diagnosis.clone();
+            if without.effects.remove(i).found.taken_out() {
+                continue;
+            }
+            without.refit()?;
+            if without.model.held_out_rms <= diagnosis.model.held_out_rms {
+                useless = Some((i, without));
+                break;
+            }
+        }
+        let Some((i, mut without)) = useless else {
+            break;
+        };
+        without.refused.push(Refused {
+            name: diagnosis.effects[i].found.kind.name,
+            reason: "beside all others it does not lower the error on held-out strokes".to_owned(),
+            held_out_rms: [without.model.held_out_rms, diagnosis.model.held_out_rms],
+        });
+        for there in &mut *confirmed {
+            there.rms.remove(i);
+        }
+        *diagnosis = without;
     }
     Ok(())
 }

@@ -403,6 +403,10 @@ impl Design {
         let residual = &self.tau - &predicted;
         let (rank, condition) = self.rank_and_condition();
         let effort_rms = rms(self.tau.as_slice());
+        let rigid = ["inertia", "coulomb", "viscous"];
+        let of_rigid = self.names.iter().zip(theta.iter());
+        let mut of_rigid = of_rigid.filter(|(name, _)| rigid.contains(name));
+        let is_driven = effort_rms > 0.0 && of_rigid.all(|(_, value)| *value == 0.0);
         let mut terms = Vec::new();
         let mut not_identified = BTreeMap::new();
         for (j, name) in self.names.iter().enumerate() {
@@ -412,6 +416,7 @@ impl Design {
                 std,
                 regressor: rms(self.y.column(j).as_slice()),
                 effort: effort_rms,
+                is_driven,
             };
             let reason = shown.missing(name, &self.units[j]);
             let known = reason.is_none();
@@ -515,21 +520,28 @@ struct Evidence {
     regressor: f64,
     /// Root mean square of the measured effort.
     effort: f64,
+    /// Whether inertia and friction are all at their bound, as if the effort drove the motion backwards.
+    is_driven: bool,
 }
 
 impl Evidence {
     /// A sentence when the parameter is not identified: its uncertainty is over a third of its value and moves the effort
     /// by more than a twentieth (for inertia, which is never zero: over a third of its value is enough).
     fn missing(&self, name: &str, unit: &str) -> Option<String> {
-        let uncertain = !self.std.is_finite() || self.std > 0.35 * self.value.abs();
+        // No part is without inertia, and no effort shows nothing: zero there is a bound, not an estimate.
+        let bound = self.value == 0.0 && (name == "inertia" || self.effort == 0.0);
+        let uncertain = bound || !self.std.is_finite() || self.std > 0.35 * self.value.abs();
         let matters = self.std * self.regressor > 0.05 * self.effort || !self.std.is_finite();
         let todo = match name {
+            _ if self.is_driven => {
+                "all of I, mu, b would be negative: is the sign of the effort turned round? Positive effort opens"
+            }
             "inertia" => "add fast strokes with sharp starts and stops",
             "coulomb" => "add slow strokes in both directions",
             "viscous" => "add strokes at different steady speeds",
             _ => "excite it more strongly or record longer",
         };
-        (uncertain && (matters || name == "inertia")).then(|| {
+        (uncertain && (matters || bound || name == "inertia")).then(|| {
             format!(
                 "the motion does not show it apart from the rest ({:.3} ± {:.3} {unit}); {todo}",
                 self.value, self.std

@@ -177,6 +177,7 @@ pub fn joint_effort(
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
             change: None,
+            floor_at_most: None,
             slips_left_in: false,
             beside: coordinate.beside,
         },

@@ -80,12 +80,31 @@ struct State {
     wander: Vec<[Vector3<f64>; 2]>,
 }
 
+/// A path so many times as far from the positions as the candidate's was bent by a wander that is none, such as a marker read askew at
+/// some places.
+const STRAYS: f64 = 1.3;
+
 /// Refines the chosen candidate over all samples of `track`.
 #[must_use]
 pub fn refine(track: &PoseSamples, chosen: &Candidates) -> RefinedJoint {
     let uses_rotations = chosen.orientation_agrees && track.has_rotations();
-    let mut state = State::start(track, chosen, uses_rotations);
-    let repeated = state.strokes() >= MIN_STROKES;
+    let start = State::start(track, chosen, uses_rotations);
+    let repeated = start.strokes() >= MIN_STROKES;
+    let most = STRAYS * start.clone().distance(track);
+    let refined = refined(track, start.clone(), uses_rotations, repeated);
+    if repeated && refined.position_rms > most {
+        return self::refined(track, start, uses_rotations, false);
+    }
+    refined
+}
+
+/// From `state` on; all noise is white unless strokes were `repeated`.
+fn refined(
+    track: &PoseSamples,
+    mut state: State,
+    uses_rotations: bool,
+    repeated: bool,
+) -> RefinedJoint {
     let mut noise = [
         Wander::start(1e-3, track.period),
         Wander::start(5e-3, track.period),
@@ -330,18 +349,12 @@ impl State {
         gradient
     }
 
-    fn finish(
-        mut self,
-        track: &PoseSamples,
-        uses_rotations: bool,
-        noise: [Wander; 2],
-        last: Option<(Step, f64)>,
-        repeated: bool,
-    ) -> RefinedJoint {
-        let [mut position, _] = self.across(track, uses_rotations);
+    /// Root mean square distance of the positions from the path, m. Where a line lies matters to nothing but that, and a wander leaves
+    /// it loose: it is put through their middle.
+    fn distance(&mut self, track: &PoseSamples) -> f64 {
+        let [mut position, _] = self.across(track, false);
         let count = position[0].len().max(1) as f64;
         if self.axis.kind == JointKind::Prismatic {
-            // Where a line lies matters to nothing but its residual, and a wander leaves it loose: through the middle.
             let (first, second) = perpendiculars(&self.axis.direction);
             for (series, direction) in position.iter_mut().zip([first, second]) {
                 let mean = series.iter().sum::<f64>() / count;
@@ -350,6 +363,19 @@ impl State {
             }
         }
         let square: f64 = position.iter().flatten().map(|v| v * v).sum();
+        (square / count).sqrt()
+    }
+
+    fn finish(
+        mut self,
+        track: &PoseSamples,
+        uses_rotations: bool,
+        noise: [Wander; 2],
+        last: Option<(Step, f64)>,
+        repeated: bool,
+    ) -> RefinedJoint {
+        let position_rms = self.distance(track);
+        let [position, _] = self.across(track, false);
         let mut covariance = DMatrix::zeros(4, 4);
         let mut radius_std = 0.0;
         if let Some((step, cost)) = last {
@@ -392,7 +418,7 @@ impl State {
             position_std,
             radius_std,
             covariance,
-            position_rms: (square / count).sqrt(),
+            position_rms,
             position_noise: noise[0],
             rotation_noise: noise[1],
         }

@@ -5,7 +5,8 @@
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
 //!   derivatives and the same filter and are weighed with the inertia, the tool's own among it, all damping where it is, and
 //!   the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), the position's own
-//!   content in the upper half of its band, taken as white.
+//!   content in the upper half of its band, taken as white; at low sample rates that is motion, too, so that
+//!   [`crate::samples::Aside::floor_at_most`] may bound the floor.
 //!
 //! Not covered: slow drift of the force sensor, and anything that both streams share.
 
@@ -29,6 +30,22 @@ pub struct NoiseFloor {
     pub wrench_rms: f64,
     /// From the position, through inertia, friction and load.
     pub position_rms: f64,
+}
+
+impl NoiseFloor {
+    /// With less of the position's part, and then of the wrench's, where both together are more than `most`.
+    #[must_use]
+    pub fn at_most(self, most: f64) -> Self {
+        if self.rms <= most {
+            return self;
+        }
+        let wrench_rms = self.wrench_rms.min(most);
+        Self {
+            rms: most,
+            wrench_rms,
+            position_rms: (most * most - wrench_rms * wrench_rms).sqrt(),
+        }
+    }
 }
 
 /// What an effort grows by at each sample of a motion, beside inertia and viscous friction.
@@ -119,11 +136,13 @@ pub fn floor(
         squares.sqrt()
     };
     let position_rms = position_rms.hypot(lever_rms(motion)?);
-    Ok(NoiseFloor {
+    let floor = NoiseFloor {
         rms: wrench_rms.hypot(position_rms),
         wrench_rms,
         position_rms,
-    })
+    };
+    let most = samples.aside.floor_at_most;
+    Ok(most.map_or(floor, |most| floor.at_most(most)))
 }
 
 /// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch

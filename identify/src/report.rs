@@ -346,6 +346,10 @@ impl Report {
                 format!("errors on {file} are over the {share:.1} % of it at places and speeds that this recording has probed, too")
             });
         }
+        let samples = analysis.diagnosis.as_ref().map(|one| &one.samples);
+        if samples.is_some_and(|samples| samples.aside.floor_at_most.is_some()) {
+            self.notes.push("the position's noise cannot be told from its motion at this sample rate: the noise floor is taken as what the most flexible model leaves".to_owned());
+        }
         self.mechanism = summary_of(full, analysis.left_to_mechanism);
         self.not_identified.extend(full.not_identified.clone());
         self.lag = analysis.lag;

@@ -48,6 +48,9 @@ pub struct Aside {
     /// Where the tool is across its path, in the unit of `q`, where `noise_of_q` shows less of it because the coordinate comes from
     /// orientations, too.
     pub beside: Vec<Vec<f64>>,
+    /// What the floor is at most, in the unit of the effort: the held-out error of the most flexible model, where the noise that the
+    /// position seems to have would make more than that. For tables only.
+    pub floor_at_most: Option<f64>,
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
     pub slips_left_in: bool,
 }

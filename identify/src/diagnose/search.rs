@@ -6,7 +6,9 @@ use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
 use crate::analysis::EXPLAINED_BELOW;
-use crate::dynamics::{DynamicsError, EffortModel, fit_columns, fit_parametric};
+use crate::dynamics::{
+    DynamicsError, EffortModel, fit_columns, fit_parametric, fit_with_mechanism,
+};
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -83,6 +85,8 @@ const DAMPERS: [&str; 2] = ["damping_zone", "asymmetric_viscous"];
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
+/// A floor that is read off the position's own motion and is this share of what I, mu, b leave is compared with what more leaves.
+const DOUBTED: f64 = 0.3;
 /// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
 const MOST_ABOVE: f64 = 1.25;
 
@@ -172,10 +176,19 @@ pub(super) struct AsWas {
 }
 
 impl State {
-    fn new(samples: JointSamples, settings: MotionSettings) -> Result<Self, DynamicsError> {
+    fn new(mut samples: JointSamples, settings: MotionSettings) -> Result<Self, DynamicsError> {
         let motion = Motion::prepare(&samples, &settings)?;
         let base = fit_parametric(&motion, &[&RigidBody])?;
-        let floor = floor_of(&samples, &motion, &base, &[])?;
+        let mut floor = floor_of(&samples, &motion, &base, &[])?;
+        // A position that stands for its own noise: no model can err less than by the noise, so what one leaves bounds it.
+        if samples.noise_of_q.is_empty() && floor.rms > DOUBTED * base.held_out_rms {
+            let flexible = fit_with_mechanism(&motion, &[&RigidBody])?;
+            let least = flexible.held_out_rms.min(base.held_out_rms);
+            if floor.rms > least {
+                samples.aside.floor_at_most = Some(least);
+                floor = floor_of(&samples, &motion, &base, &[])?;
+            }
+        }
         let ground = Ground::of(motion)?;
         Ok(Self {
             settings,

@@ -646,7 +646,7 @@ fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
     let Ok(filter) = LowPass::butterworth(4, FROM / motion.period, 1.0 / motion.period) else {
         return 0.0;
     };
-    let window = (0.25 / motion.period) as usize;
+    let window = ((0.25 / motion.period) as usize).max(8);
     let mut variances = Vec::new();
     for run in motion.runs.iter().filter(|run| run.len() > 8 * window) {
         let part = &series[run.clone()];
