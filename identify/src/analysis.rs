@@ -14,7 +14,7 @@ use crate::dynamics::{
 };
 use crate::effect::slip::SLIP;
 use crate::effect::{Effect, RigidBody};
-use crate::lag::Lag;
+use crate::lag::{Lag, USUAL_S};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
@@ -259,7 +259,7 @@ fn aligned(
         );
         diagnosis.refit()?;
         // A grasp that gives looks like a lag and is none.
-        if diagnosis.model.held_out_rms > before {
+        if diagnosis.model.held_out_rms > before && lag.value_s.abs() <= USUAL_S {
             (diagnosis.samples, diagnosis.motion) = (samples, motion);
             (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
             lag.applied = false;

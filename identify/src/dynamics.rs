@@ -381,7 +381,7 @@ fn lag_with_mechanism(
     let (smoothing, _) = design.choose_smoothing(&design.fold_normals());
     let (solution, _) = design.solve(&smoothing);
     let (y, h) = design.free_part(&solution, &smoothing);
-    Ok(lag::scan(motion, &y, h)?)
+    Ok(lag::scan(motion, &y, &h)?)
 }
 
 impl Design {

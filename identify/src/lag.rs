@@ -21,19 +21,38 @@ pub struct Lag {
     pub applied: bool,
 }
 
-const RANGE_S: f64 = 0.06;
+/// As far as streams usually are apart, either way, s: a grasp that gives looks like no more than this.
+pub const USUAL_S: f64 = 0.06;
+/// As far as those are whose clocks nobody has synchronised.
+const FAR_S: f64 = 0.25;
 
-/// Scans the lag over +-60 ms for the linear model `y` (kept samples, columns) with normal matrix `gram`, which may hold
-/// penalties. `None` when the best lies at the end of the range or the motion cannot show it.
+/// Scans the lag over +-60 ms, and over +-250 ms when the best lies at the end of that, for the linear model `y` (kept samples,
+/// columns) with normal matrix `gram`, which may hold penalties. `None` when the best lies at the end of the range still or the motion
+/// cannot show it.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
 pub fn scan(
     motion: &Motion,
     y: &DMatrix<f64>,
-    mut gram: DMatrix<f64>,
+    gram: &DMatrix<f64>,
 ) -> Result<Option<Lag>, MotionError> {
-    let steps = (RANGE_S / motion.period).round().max(2.0) as isize;
+    for range in [USUAL_S, FAR_S] {
+        let steps = (range / motion.period).round().max(2.0) as isize;
+        if let Some(found) = scan_over(motion, y, gram.clone(), steps)? {
+            return Ok(found);
+        }
+    }
+    Ok(None)
+}
+
+/// As [`scan`], over so many samples either way; `None` when the best lies at the end.
+fn scan_over(
+    motion: &Motion,
+    y: &DMatrix<f64>,
+    mut gram: DMatrix<f64>,
+    steps: isize,
+) -> Result<Option<Option<Lag>>, MotionError> {
     let inside: Vec<usize> = (0..motion.kept.len())
         .filter(|&k| {
             let i = motion.kept[k] as isize;
@@ -44,7 +63,7 @@ pub fn scan(
         })
         .collect();
     if inside.len() < 60 {
-        return Ok(None);
+        return Ok(Some(None));
     }
     let y = y.select_rows(&inside);
     for j in 0..gram.ncols() {
@@ -52,7 +71,7 @@ pub fn scan(
         gram[(j, j)] += 1e-12;
     }
     let Some(factor) = gram.cholesky() else {
-        return Ok(None);
+        return Ok(Some(None));
     };
     let residual = |shift: isize| -> Result<DVector<f64>, MotionError> {
         let tau = motion.regressor(&shifted(motion, shift))?;
@@ -66,7 +85,7 @@ pub fn scan(
         .into_iter()
         .collect::<Result<Vec<f64>, MotionError>>()?;
     let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else {
-        return Ok(None);
+        return Ok(Some(None));
     };
     if best == 0 || best + 1 == sums.len() {
         return Ok(None);
@@ -77,11 +96,12 @@ pub fn scan(
     let variance = sums[best] / effective_count(left.as_slice()).max(1.0);
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
-    Ok((value_s.is_finite() && std_s.is_finite()).then_some(Lag {
+    let is_finite = value_s.is_finite() && std_s.is_finite();
+    Ok(Some(is_finite.then_some(Lag {
         value_s,
         std_s,
         applied: false,
-    }))
+    })))
 }
 
 /// The effort of `shift` samples later, held at the ends of the runs.

@@ -16,7 +16,7 @@ use crate::analysis::{Analysis, Verdict};
 use crate::dynamics::{EffortModel, JointFit, Structure, Term};
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
-use crate::lag::Lag;
+use crate::lag::{Lag, USUAL_S};
 use crate::mechanism::{Domain, Mechanism};
 use crate::paper::PaperFit;
 use crate::payload::Payload;
@@ -338,6 +338,15 @@ impl Report {
         };
         (self.effects, self.refused) = effects::entries(analysis);
         self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
+        for other in &analysis.confirmed {
+            let own = analysis.named.value("inertia");
+            if let (Some(own), Some(there)) = (own, other.other_inertia) {
+                self.notes.push(format!(
+                    "{} shows an inertia of {there:.3} and not {own:.3}: is it another object, or another load? It cannot confirm much",
+                    other.file
+                ));
+            }
+        }
         for other in analysis.confirmed.iter().filter(|c| c.share < 1.0) {
             let (file, share) = (&other.file, 100.0 * other.share);
             self.notes.push(if other.is_over_all() {
@@ -349,6 +358,16 @@ impl Report {
         let samples = analysis.diagnosis.as_ref().map(|one| &one.samples);
         if samples.is_some_and(|samples| samples.aside.floor_at_most.is_some()) {
             self.notes.push("the position's noise cannot be told from its motion at this sample rate: the noise floor is taken as what the most flexible model leaves".to_owned());
+        }
+        let far = analysis
+            .lag
+            .filter(|lag| lag.applied && lag.value_s.abs() > USUAL_S);
+        if let Some(lag) = far {
+            self.notes.push(format!(
+                "the wrench is {:.0} ms late: effects were looked for before that was taken out. Align the streams (ft-capture calibrate {} --align -o ALIGNED.mcap) and identify that",
+                1e3 * lag.value_s,
+                self.input.files.join(" ")
+            ));
         }
         self.mechanism = summary_of(full, analysis.left_to_mechanism);
         self.not_identified.extend(full.not_identified.clone());

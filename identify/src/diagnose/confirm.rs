@@ -6,7 +6,7 @@ use super::apart::tell_apart;
 use super::elsewhere::{datum, error_on};
 use super::model::{Found, Ground, is_known};
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
-use crate::dynamics::DynamicsError;
+use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::library::kind;
 use crate::effect::slip::SLIP;
 use crate::least_squares::rms;
@@ -25,6 +25,8 @@ pub struct Confirmation {
     /// Share of its samples at places and speeds that the first recording has probed, too: the errors are over these, and over all
     /// where they are too few to stand for it.
     pub share: f64,
+    /// The inertia that it shows by itself, kg m^2 or kg, where that is another one than the first recording's.
+    pub other_inertia: Option<f64>,
 }
 
 impl Confirmation {
@@ -164,9 +166,22 @@ pub fn confirm(
             rms: pairs,
             relative_error: last / rms(&ground.y).max(f64::MIN_POSITIVE),
             share: shares.get(number).copied().unwrap_or(1.0),
+            other_inertia: other_inertia(&diagnosis.model, &fit_found(&ground.motion, &all)?),
         });
     }
     Ok(out)
+}
+
+/// Inertias that differ by more than this share of the larger one and by so many standard deviations are of two objects, or loads.
+const OTHER: f64 = 0.25;
+const SURELY: f64 = 5.0;
+
+/// The inertia of the model `there` where it is another one than that of `here`.
+fn other_inertia(here: &EffortModel, there: &EffortModel) -> Option<f64> {
+    let of = |model: &EffortModel| Some((model.value("inertia")?, model.std("inertia")?));
+    let ((own, std), (other, its)) = (of(here)?, of(there)?);
+    let apart = (own - other).abs();
+    (apart > OTHER * own.max(other) && apart > SURELY * std.hypot(its)).then_some(other)
 }
 
 /// Leaves those samples of a confirming recording at whose place and speed the first one has been, and returns their share: what a
