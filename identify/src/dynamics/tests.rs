@@ -221,7 +221,7 @@ fn the_regressors_are_derivatives_of_the_motion() {
 
 #[test]
 fn a_late_wrench_is_found_to_a_fraction_of_a_millisecond() {
-    for lag_ms in [0.0, 7.3, -12.0] {
+    for lag_ms in [0.0, 7.3, -12.0, 75.0, -140.0] {
         let samples = record(&CLOSER, 40.0, [4e-5, 0.1], 6).with_effort_earlier(-lag_ms * 1e-3);
         let (_, _, lag) = align(&samples, &MotionSettings::default(), &[&RigidBody]).unwrap();
         let lag = lag.unwrap();
