@@ -236,7 +236,7 @@ fn eight_grippers_to_one_recorder_lose_nothing() {
     let recorded = end("ft-view", recorder);
     router.kill().unwrap();
     router.wait().unwrap();
-    let ledger = recorded.json();
+    let ledger = recorded.expect_code(0).json();
     println!("{ledger:#}");
     for (name, summary) in names.iter().zip(&summaries) {
         for stream in summary["streams"].as_array().unwrap() {

@@ -181,9 +181,13 @@ fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
         } else {
             println!("{summary}");
         }
-        if summary.lost_data() {
-            return Ok(Outcome::DataLost);
-        }
+        return Ok(if summary.lost_data() {
+            Outcome::DataLost
+        } else if summary.is_empty() {
+            Outcome::Nothing
+        } else {
+            Outcome::Fine
+        });
     }
     match hub.look(|picture| picture.received(topic::WRENCH)) {
         0 => Ok(Outcome::Nothing),

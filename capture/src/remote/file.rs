@@ -29,6 +29,8 @@ const QUIET: Duration = Duration::from_millis(20);
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 /// How long what is still being asked for is waited for at the end.
 const LAST_WORDS: Duration = Duration::from_secs(10);
+/// How long what comes is still taken at the end, as long as a publisher that ends waits for its recorders.
+const LONGEST_END: Duration = Duration::from_secs(120);
 /// Keys of which account is kept.
 const MOST_KEYS: usize = 1024;
 /// Messages that are taken before the clock is looked at again.
@@ -76,7 +78,8 @@ pub(super) struct File {
 #[derive(Clone, Debug)]
 struct Channel {
     topic: Arc<str>,
-    /// `None` for a type that is not known.
+    type_name: Arc<str>,
+    /// `None` for a type that is not known, or not the one that the topic has in the file.
     id: Option<ChannelId>,
 }
 
@@ -135,8 +138,8 @@ impl File {
             }
             if ending.load(Ordering::Acquire) {
                 let since = *ended.get_or_insert(now);
-                let patience = now.saturating_since(since) < LAST_WORDS;
-                if is_quiet && !(patience && self.sources.are_open(now)) {
+                let waited = now.saturating_since(since);
+                if is_over(waited, is_quiet, self.sources.are_open(now)) {
                     break;
                 }
             }
@@ -224,7 +227,7 @@ impl File {
         was_asked_for: bool,
         now: HostTime,
     ) -> Result<(), WriteError> {
-        let Some(Channel { topic, id }) = self.channel(sample.key_expr().as_str())? else {
+        let Some(Channel { topic, id, .. }) = self.channel(sample.key_expr().as_str())? else {
             return Ok(());
         };
         let attachment = sample
@@ -249,6 +252,7 @@ impl File {
             || info.map(|info| recovery::publisher(sample.key_expr(), *info.source_id()));
         match self.sources.take(arrived, &topic, publisher, now) {
             Place::Next => {}
+            Place::Unknown => ledger.unfollowed += 1,
             Place::First => {
                 let before = u64::try_from(attachment.sequence - 1).unwrap_or(0);
                 ledger.earlier = ledger.earlier.saturating_add(before);
@@ -285,13 +289,37 @@ impl File {
         if self.channels.len() == MOST_KEYS {
             return Ok(None);
         }
-        let channel = Channel {
-            id: add_channel(&mut self.writer, &topic, &type_name)?,
-            topic: topic.into(),
-        };
+        let channel = new_channel(&mut self.writer, &self.channels, &topic, &type_name)?;
         self.channels.insert(key.to_owned(), channel.clone());
         Ok(Some(channel))
     }
+}
+
+/// Whether the recording is over, so long after its end: nothing comes or is worth waiting for, or it has been enough.
+fn is_over(waited: Duration, is_quiet: bool, is_open: bool) -> bool {
+    (is_quiet && !(waited < LAST_WORDS && is_open)) || waited >= LONGEST_END
+}
+
+/// The channel of a new key. A topic that other keys have already, too, with another type or another hash of the type, has one
+/// channel in the file.
+fn new_channel(
+    writer: &mut RecordingWriter,
+    known: &HashMap<String, Channel>,
+    topic: &str,
+    type_name: &str,
+) -> Result<Channel, WriteError> {
+    let same = known
+        .values()
+        .find(|other| *other.topic == *topic && other.id.is_some());
+    let id = match same {
+        Some(same) => same.id.filter(|_| *same.type_name == *type_name),
+        None => add_channel(writer, topic, type_name)?,
+    };
+    Ok(Channel {
+        topic: topic.into(),
+        type_name: type_name.into(),
+        id,
+    })
 }
 
 fn add_channel(
@@ -323,4 +351,40 @@ fn texts(entries: &Value) -> BTreeMap<String, String> {
         .flatten()
         .filter_map(|(key, value)| Some((key.clone(), value.as_str()?.to_owned())))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ft_recording::writer::WriterOptions;
+
+    #[test]
+    fn what_comes_for_ever_does_not_keep_the_file_open_for_ever() {
+        let seconds = Duration::from_secs;
+        assert!(is_over(seconds(0), true, false));
+        assert!(!is_over(seconds(9), true, true));
+        assert!(is_over(seconds(10), true, true));
+        assert!(!is_over(seconds(119), false, true));
+        assert!(is_over(seconds(120), false, true));
+    }
+
+    #[test]
+    fn a_second_publisher_of_a_topic_does_not_end_the_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        let mut writer = RecordingWriter::create(&path, &WriterOptions::default()).unwrap();
+        let mut known = HashMap::new();
+        let mut add = |key: &str, topic: &str, type_name: &str| {
+            let channel = new_channel(&mut writer, &known, topic, type_name).unwrap();
+            known.insert(key.to_owned(), channel.clone());
+            channel.id
+        };
+        assert_eq!(add("nobody's", "/t", "my_msgs/msg/Mine"), None);
+        let first = add("first", "/t", WrenchStamped::TYPE_NAME);
+        assert!(first.is_some());
+        assert_eq!(add("other hash", "/t", WrenchStamped::TYPE_NAME), first);
+        assert_eq!(add("other type", "/t", PoseStamped::TYPE_NAME), None);
+        assert_eq!(add("again", "/t", WrenchStamped::TYPE_NAME), first);
+        assert_ne!(add("other topic", "/u", PoseStamped::TYPE_NAME), first);
+    }
 }

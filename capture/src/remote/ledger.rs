@@ -25,6 +25,8 @@ pub struct RemoteLedger {
     pub refused: u64,
     /// Messages of a type that no capture publishes, of others on the network: they are not recorded.
     pub others: u64,
+    /// Messages in the file of publishers beyond those whose numbers are followed: whether others of theirs are missing is not known.
+    pub unfollowed: u64,
 }
 
 impl RemoteLedger {
@@ -51,6 +53,12 @@ impl RemoteSummary {
     #[must_use]
     pub fn lost_data(&self) -> bool {
         self.topics.values().any(RemoteLedger::lost_data)
+    }
+
+    /// Whether nothing came, on whatever topic.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.topics.values().all(|ledger| ledger.received == 0)
     }
 }
 
@@ -80,21 +88,43 @@ impl std::fmt::Display for RemoteSummary {
             self.path.display(),
             self.bytes as f64 * 1e-6
         )?;
-        write!(
-            f,
-            "{}",
-            if self.lost_data() {
-                "DATA WAS LOST: see the counts above"
-            } else {
-                "nothing was lost"
-            }
-        )
+        let unfollowed: u64 = self.topics.values().map(|ledger| ledger.unfollowed).sum();
+        if unfollowed > 0 {
+            writeln!(
+                f,
+                "{unfollowed} messages are of publishers too many to follow: what is missing of theirs is not known"
+            )?;
+        }
+        f.write_str(if self.lost_data() {
+            "DATA WAS LOST: see the counts above"
+        } else if unfollowed > 0 {
+            "of the others nothing was lost"
+        } else {
+            "nothing was lost"
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_of_a_namespaced_gripper_is_not_empty() {
+        let summary = |received| RemoteSummary {
+            path: PathBuf::new(),
+            bytes: 0,
+            topics: BTreeMap::from([(
+                "/blue/ft/wrench".to_owned(),
+                RemoteLedger {
+                    received,
+                    ..RemoteLedger::default()
+                },
+            )]),
+        };
+        assert!(!summary(1).is_empty());
+        assert!(summary(0).is_empty());
+    }
 
     #[test]
     fn a_hole_is_a_loss_and_what_was_before_the_recording_is_none() {

@@ -63,6 +63,8 @@ pub(super) enum Place {
     Earlier,
     /// It came twice.
     Twice,
+    /// Of a publisher too many: its numbers are not followed.
+    Unknown,
 }
 
 /// What is to be done.
@@ -121,14 +123,15 @@ impl Sources {
         if let Some(source) = self.known.get_mut(&arrived.gid) {
             return source.take(arrived.number, now);
         }
-        if self.known.len() < MOST {
-            let publisher = publisher();
-            if let Some(publisher) = &publisher {
-                self.strangers.remove(publisher);
-            }
-            let source = Source::new(arrived, Arc::clone(topic), publisher, now);
-            self.known.insert(arrived.gid, source);
+        if self.known.len() == MOST {
+            return Place::Unknown;
         }
+        let publisher = publisher();
+        if let Some(publisher) = &publisher {
+            self.strangers.remove(publisher);
+        }
+        let source = Source::new(arrived, Arc::clone(topic), publisher, now);
+        self.known.insert(arrived.gid, source);
         Place::First
     }
 
@@ -498,6 +501,28 @@ mod tests {
         }
         let due = sources.due(at(10_000));
         assert_eq!(due, vec![Due::Ask(None, PUBLISHER.to_owned(), 0, 2); 2]);
+    }
+
+    #[test]
+    fn of_a_publisher_too_many_nothing_is_said_to_be_missing() {
+        let mut sources = Sources::default();
+        let take = |sources: &mut Sources, publisher: usize, number| {
+            let mut gid = GID;
+            gid[..8].copy_from_slice(&publisher.to_le_bytes());
+            let arrived = Arrived {
+                gid,
+                number,
+                wrapped: None,
+            };
+            sources.take(arrived, &"/t".into(), || None, at(0))
+        };
+        for publisher in 0..MOST {
+            assert_eq!(take(&mut sources, publisher, 9), Place::First);
+        }
+        for number in [9, 10, 12] {
+            assert_eq!(take(&mut sources, MOST, number), Place::Unknown);
+        }
+        assert_eq!(take(&mut sources, 0, 10), Place::Next);
     }
 
     #[test]
