@@ -35,6 +35,7 @@ pub mod settings;
 #[cfg(feature = "sim")]
 pub mod simulated;
 pub mod sink;
+pub mod stop;
 pub mod summary;
 pub mod terminal;
 pub mod web;

@@ -70,6 +70,32 @@ fn programs_that_serve_a_page_end_without_a_panic() {
 }
 
 #[test]
+fn a_terminal_that_is_closed_ends_the_recording_and_not_its_file() {
+    // `nohup` survives it, and ends by another signal.
+    for (ignored, signals) in [("", &["-HUP"][..]), ("trap '' HUP;", &["-HUP", "-TERM"])] {
+        let folder = tempfile::tempdir().unwrap();
+        let script = format!("{ignored} exec \"$0\" --sim -o a.mcap --duration 60s");
+        let capture = command("sh", &["-c", &script, CAPTURE], folder.path())
+            .spawn()
+            .unwrap();
+        let script = |script: &str| {
+            let mut shell = command("sh", &["-c", script], folder.path());
+            assert!(shell.status().unwrap().success(), "{script}");
+        };
+        script("for i in $(seq 200); do test -e a.mcap.partial && exit; sleep 0.1; done; exit 1");
+        for signal in signals {
+            script(&format!(
+                "sleep 1; test -e a.mcap.partial && kill {signal} {}",
+                capture.id()
+            ));
+        }
+        let ended = capture.wait_with_output().unwrap();
+        assert!(folder.path().join("a.mcap").exists(), "{}", said(&ended));
+        assert!(!folder.path().join("a.mcap.partial").exists());
+    }
+}
+
+#[test]
 fn a_recording_named_as_a_folder_is_refused_before_it_begins() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("there")).unwrap();

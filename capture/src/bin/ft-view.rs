@@ -15,6 +15,7 @@ use ft_capture::remote::recorder::Recorder;
 use ft_capture::remote::{Remote, Which};
 use ft_capture::session::control::Command;
 use ft_capture::sink::SinkError;
+use ft_capture::stop::stop_flag;
 use ft_capture::terminal::{self, Desk};
 use ft_capture::web::{self, Operator};
 use ft_capture::{foxglove, logging};
@@ -115,10 +116,7 @@ enum Outcome {
 
 /// Runs until interrupted.
 fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = stop_flag()?;
     let clock = MonotonicClock::anchored_now();
     let session = network::connect(
         std::slice::from_ref(&arguments.connect),

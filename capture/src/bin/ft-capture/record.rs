@@ -8,10 +8,11 @@ use clap::error::ErrorKind;
 use ft_capture::config::Config;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
+use ft_capture::stop::stop_flag;
 use ft_capture::summary::Summary;
 use ft_drivers::{Clock, MonotonicClock};
 
-use crate::terminal::{Operator, bar, say, stop_flag};
+use crate::terminal::{Operator, bar, say};
 use crate::{Arguments, CommandResult, Outcome, RecordArguments, Speed, simulate};
 
 /// Carries the command out.

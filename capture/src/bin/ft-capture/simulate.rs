@@ -8,12 +8,13 @@ use ft_capture::config::is_name;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
 use ft_capture::simulated;
+use ft_capture::stop::stop_flag;
 use ft_capture::summary::Summary;
 use ft_drivers::MonotonicClock;
 use ft_sim_hw::{Port, Scenario, ServeOptions, Server, Simulation, Truth};
 
 use crate::record::plan;
-use crate::terminal::{Operator, bar, stop_flag};
+use crate::terminal::{Operator, bar};
 use crate::{RecordArguments, Speed};
 
 /// Runs the scenario `name`.

@@ -34,16 +34,6 @@ pub(crate) fn say(text: &str) -> std::io::Result<()> {
     }
 }
 
-/// Set by the first Ctrl-C or SIGTERM, which finishes the file; the second one ends the program at once.
-pub(crate) fn stop_flag() -> std::io::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
-}
-
 /// A bar over `total`, or a spinner when the end is not known; hidden when nobody looks.
 pub(crate) fn bar(total: Option<Duration>) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(
@@ -87,7 +77,9 @@ impl Surroundings for Operator<'_> {
     }
 
     fn log(&mut self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        // A terminal that was closed takes no line, and the file is still to be finished.
+        self.bar
+            .suspend(|| drop(writeln!(std::io::stderr(), "{line}")));
     }
 
     fn progress(&mut self, elapsed: Duration, health: &Health, bytes: u64) {
