@@ -175,14 +175,6 @@ impl Hub {
         self.lock().picture.status = Some((status, now));
     }
 
-    /// The source was lost or found again: its numbers and its time may begin anew.
-    pub fn set_source(&self, source: &str) {
-        let mut inner = self.lock();
-        inner.picture.source = source.to_owned();
-        inner.strip.restart();
-        inner.picture.history.clear();
-    }
-
     /// Looks at the latest of everything.
     pub fn look<T>(&self, at: impl FnOnce(&Picture) -> T) -> T {
         at(&self.lock().picture)

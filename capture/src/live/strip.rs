@@ -6,6 +6,8 @@ use std::time::Duration;
 pub const BIN: Duration = Duration::from_millis(10);
 /// Bins that may wait to be taken; older ones make room.
 const MOST: usize = 64;
+/// A sample that is this long before the open bin, ns, is not late: the source's clock stepped back, or was far ahead for a moment.
+const STEP_NS: i64 = 1_000_000_000;
 
 /// One bin: fx fy fz (N), tx ty tz (N m).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,14 +28,19 @@ pub struct Decimator {
 }
 
 impl Decimator {
-    /// Takes a sample of `at_ns`; one that is earlier than the open bin goes into the open bin.
+    /// Takes a sample of `at_ns`; one that is up to a second earlier than the open bin goes into the open bin.
     pub fn take(&mut self, at_ns: i64, values: [f64; 6]) {
         #[allow(clippy::cast_possible_truncation, reason = "for drawing")]
         let values = values.map(|value| value as f32);
         let length = i64::try_from(BIN.as_nanos()).unwrap_or(i64::MAX);
         let begin_ns = at_ns - at_ns.rem_euclid(length);
         match &mut self.open {
-            Some(open) if begin_ns <= open.begin_ns => open.widen(values),
+            Some(open)
+                if begin_ns <= open.begin_ns
+                    && open.begin_ns.saturating_sub(begin_ns) <= STEP_NS =>
+            {
+                open.widen(values);
+            }
             open => {
                 let before = open.replace(Bin {
                     begin_ns,
@@ -51,11 +58,6 @@ impl Decimator {
     /// The bins that are complete and were not yet taken.
     pub fn drain(&mut self) -> std::vec::Drain<'_, Bin> {
         self.done.drain(..)
-    }
-
-    /// The source begins anew: its time may be earlier.
-    pub fn restart(&mut self) {
-        *self = Self::default();
     }
 }
 
@@ -103,5 +105,19 @@ mod tests {
         strip.take(9_000_000, [7.0; 6]);
         strip.take(31_000_000, [0.0; 6]);
         assert_eq!(strip.drain().next().unwrap().greatest[2], 7.0);
+    }
+
+    #[test]
+    fn a_clock_that_steps_back_does_not_stop_the_strip() {
+        let mut strip = Decimator::default();
+        strip.take(90_000_000_000, [0.0; 6]);
+        for index in 0..5 {
+            strip.take(index * 10_000_000, [0.0; 6]);
+        }
+        let begins: Vec<_> = strip.drain().map(|bin| bin.begin_ns).collect();
+        assert_eq!(
+            begins,
+            [90_000_000_000, 0, 10_000_000, 20_000_000, 30_000_000]
+        );
     }
 }
