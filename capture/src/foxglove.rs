@@ -16,6 +16,7 @@
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Router;
 use axum::body::Bytes;
@@ -58,6 +59,10 @@ const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "https://studio.foxglove
 /// # Errors
 /// The port cannot be opened.
 pub fn serve(hub: Arc<Hub>, address: SocketAddr) -> Result<Server, WebError> {
+    serve_with(hub, address, PATIENCE)
+}
+
+fn serve_with(hub: Arc<Hub>, address: SocketAddr, patience: Duration) -> Result<Server, WebError> {
     let clock = MonotonicClock::anchored_now();
     let refusals = Arc::new(Refusals::new(clock));
     let desk = Desk {
@@ -65,6 +70,7 @@ pub fn serve(hub: Arc<Hub>, address: SocketAddr) -> Result<Server, WebError> {
         refusals: Arc::clone(&refusals),
         channels: Arc::new(channels()),
         clock,
+        patience,
     };
     let app = Router::new().route("/", get(connect)).with_state(desk);
     start(app, address, refusals, String::new())
@@ -76,6 +82,8 @@ struct Desk {
     refusals: Arc<Refusals>,
     channels: Arc<Vec<Channel>>,
     clock: MonotonicClock,
+    /// How long a client may take no bytes, or not answer a ping, before it is let go.
+    patience: Duration,
 }
 
 /// One topic; its id is its place and 1.
@@ -184,38 +192,51 @@ async fn show(mut socket: WebSocket, desk: &Desk, from: IpAddr) -> Result<(), Go
     let mut words = Allowance::new(WORDS_PER_SECOND, WORDS_AT_ONCE, desk.clock.now());
     let mut messages = desk.hub.watch_messages();
     let mut wanted: HashMap<&'static str, u32> = HashMap::new();
-    send(&mut socket, text(&server_info())).await?;
-    send(&mut socket, text(&advertise(&desk.channels))).await?;
+    // Who vanished without a word answers no ping, and would hold its place for good where it wants nothing that is sent.
+    let mut ping = tokio::time::interval(desk.patience / 3);
+    let mut heard = desk.clock.now();
+    let patience = desk.patience;
+    send(&mut socket, text(&server_info()), patience).await?;
+    send(&mut socket, text(&advertise(&desk.channels)), patience).await?;
     loop {
         tokio::select! {
+            _ = ping.tick() => {
+                if desk.clock.now().saturating_since(heard) > patience {
+                    return Err(Gone);
+                }
+                send(&mut socket, Frame::Ping(Bytes::new()), patience).await?;
+            }
             message = messages.recv() => match message {
                 Ok(message) => {
                     if let Some(id) = wanted.get(&*message.topic) {
-                        send(&mut socket, data(*id, &message)).await?;
+                        send(&mut socket, data(*id, &message), patience).await?;
                     }
                 }
                 Err(broadcast::error::RecvError::Lagged(lost)) => desk.hub.add_viewer_drops(lost),
                 Err(broadcast::error::RecvError::Closed) => return Ok(()),
             },
-            said = socket.recv() => match said {
+            said = socket.recv() => {
+                heard = desk.clock.now();
+                match said {
                 Some(Ok(_)) if !words.spend(desk.clock.now()) => {
                     desk.refusals.add(Why::TooMuch, from);
                     return Err(Gone);
                 }
                 Some(Ok(Frame::Text(said))) => {
                     for latched in take_request(&said, desk, &mut wanted) {
-                        send(&mut socket, latched).await?;
+                        send(&mut socket, latched, patience).await?;
                     }
                 }
                 Some(Ok(_)) => {}
                 Some(Err(_)) | None => return Err(Gone),
+                }
             },
         }
     }
 }
 
-async fn send(socket: &mut WebSocket, frame: Frame) -> Result<(), Gone> {
-    match tokio::time::timeout(PATIENCE, socket.send(frame)).await {
+async fn send(socket: &mut WebSocket, frame: Frame, patience: Duration) -> Result<(), Gone> {
+    match tokio::time::timeout(patience, socket.send(frame)).await {
         Ok(Ok(())) => Ok(()),
         Ok(Err(_)) | Err(_) => Err(Gone),
     }
@@ -342,6 +363,7 @@ mod tests {
             refusals: Arc::new(Refusals::new(MonotonicClock::anchored_now())),
             channels: Arc::new(channels()),
             clock: MonotonicClock::anchored_now(),
+            patience: PATIENCE,
         };
         let mut wanted = HashMap::new();
         let subscribe = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":99}]}"#;
@@ -360,6 +382,27 @@ mod tests {
         for said in ["", "{}", r#"{"op":"advertise"}"#, "[1"] {
             assert_eq!(take_request(said, &desk, &mut wanted).len(), 1, "{said}");
         }
+    }
+
+    #[test]
+    fn a_client_that_vanished_is_let_go() {
+        use std::io::{Read as _, Write as _};
+        let hub = Arc::new(Hub::new("here"));
+        let patience = Duration::from_millis(300);
+        let server = serve_with(hub, "127.0.0.1:0".parse().unwrap(), patience).unwrap();
+        let mut client = std::net::TcpStream::connect(server.address).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(20)))
+            .unwrap();
+        let request = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+            Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
+            Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n";
+        client.write_all(request.as_bytes()).unwrap();
+        // It answers no ping; the connection is closed all the same.
+        let mut said = Vec::new();
+        client.read_to_end(&mut said).unwrap();
+        assert!(said.starts_with(b"HTTP/1.1 101"));
+        assert!(said.windows(2).any(|two| two == [0x89, 0]), "a ping");
     }
 
     #[test]
