@@ -24,8 +24,8 @@ mod missing;
 pub mod recorder;
 mod sources;
 
-/// How long an answer to a command may take.
-const ANSWER_WITHIN: Duration = Duration::from_secs(3);
+/// How long an answer to a command may be on its way, besides what the capture takes.
+const ON_ITS_WAY: Duration = Duration::from_secs(1);
 /// How long an answer to `status` may take; it is asked twice a second.
 const STATUS_WITHIN: Duration = Duration::from_secs(2);
 
@@ -188,14 +188,15 @@ impl Operator for Remote {
 #[must_use]
 pub fn ask(session: &zenoh::Session, id: &str, command: &Command) -> Value {
     let (name, argument) = command.name_and_argument();
+    let wait = command.answer_within() + ON_ITS_WAY;
     let asked = session
         .get(format!("ft_capture/{id}/{name}"))
         .payload(argument)
-        .timeout(ANSWER_WITHIN)
+        .timeout(wait)
         .wait();
     match asked {
         Ok(replies) => replies
-            .recv_timeout(ANSWER_WITHIN)
+            .recv_timeout(wait)
             .ok()
             .flatten()
             .and_then(|reply| answer(&reply))

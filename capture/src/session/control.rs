@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use serde_json::{Value, json};
 use zenoh::Wait;
 use zenoh::query::{Query, Queryable};
@@ -17,6 +17,8 @@ const CAPACITY: usize = 64;
 const LONGEST: usize = 1024;
 /// How long an answer may take.
 const ANSWER_WITHIN: Duration = Duration::from_secs(2);
+/// How long an answer to `stop` may take, which comes when the file is on the disk.
+const STOPPED_WITHIN: Duration = Duration::from_secs(15);
 
 /// The names of the commands, as they stand in keys and addresses.
 pub const NAMES: [&str; 5] = ["status", "tare", "mark", "start", "stop"];
@@ -66,6 +68,15 @@ impl Command {
 }
 
 impl Command {
+    /// How long its answer may take, here; whoever asks from elsewhere waits longer.
+    #[must_use]
+    pub const fn answer_within(&self) -> Duration {
+        match self {
+            Self::Stop => STOPPED_WITHIN,
+            _ => ANSWER_WITHIN,
+        }
+    }
+
     /// As it is sent.
     #[must_use]
     pub fn name_and_argument(&self) -> (&'static str, &str) {
@@ -117,16 +128,23 @@ impl Commands {
         (Self(sender), requests)
     }
 
-    /// Asks and waits up to 2 s for the answer: an object with `ok`, and `error` when that is false.
+    /// Asks and waits for the answer, as long as [`Command::answer_within`] says: an object with `ok`, and `error` when that is false.
     #[must_use]
     pub fn ask(&self, command: Command) -> Value {
         let (answer, answered) = bounded(1);
+        let wait = command.answer_within();
         if self.0.try_send(Request { command, answer }).is_err() {
             return refusal("busy or ending: try again");
         }
         answered
-            .recv_timeout(ANSWER_WITHIN)
-            .unwrap_or_else(|_| refusal("no answer within 2 s: the service is ending"))
+            .recv_timeout(wait)
+            .unwrap_or_else(|error| match error {
+                RecvTimeoutError::Timeout => refusal(&format!(
+                    "no answer within {} s: it may still be carried out",
+                    wait.as_secs()
+                )),
+                RecvTimeoutError::Disconnected => refusal("the service is ending"),
+            })
     }
 }
 
@@ -220,6 +238,19 @@ mod tests {
         for name in ["../door", "/tmp/door", ".door", "a b", "door\0", "~root"] {
             assert!(Command::parse("start", Some(name)).is_err(), "{name}");
         }
+    }
+
+    #[test]
+    fn a_slow_disk_may_take_longer_to_stop_than_a_status() {
+        let (commands, requests) = Commands::new();
+        let session = std::thread::spawn(move || {
+            let request: Request = requests.recv().unwrap();
+            #[allow(clippy::disallowed_methods, reason = "a disk takes its time")]
+            std::thread::sleep(ANSWER_WITHIN + Duration::from_millis(200));
+            request.answer.send(json!({"ok": true})).unwrap();
+        });
+        assert_eq!(commands.ask(Command::Stop)["ok"], true);
+        session.join().unwrap();
     }
 
     #[test]
