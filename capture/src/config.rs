@@ -8,6 +8,7 @@ use ft_recording::calibration::Calibration;
 use serde::{Deserialize, Serialize};
 
 use crate::encode::Topic;
+use crate::ledger::OWN_STREAM;
 use crate::rmw::{Offer, Profile};
 
 /// The whole configuration. Keys that are not listed here are refused.
@@ -437,10 +438,15 @@ impl Config {
             ));
         }
         for (index, device) in self.devices.iter().enumerate() {
-            if device.name.is_empty() || device.name.contains('/') {
+            if !is_name(&device.name) {
                 return wrong(format!(
-                    "device {index}: name = {:?}: give it a name without slashes",
+                    "device {index}: name = {:?}: letters, digits, - and _ make a name",
                     device.name
+                ));
+            }
+            if device.name == OWN_STREAM {
+                return wrong(format!(
+                    "device {index}: name = {OWN_STREAM:?}: so the recording's own account is named"
                 ));
             }
             if !(0.0..=1e6).contains(&device.latency_us) {
@@ -460,6 +466,9 @@ impl Config {
             }
         }
         self.frames.check(path)?;
+        if let Some(Err(error)) = self.calibration.as_ref().map(Calibration::to_json) {
+            return wrong(format!("calibration: {error}"));
+        }
         if !(self.network.namespace.is_empty() || is_name(&self.network.namespace)) {
             return wrong(format!(
                 "network.namespace = {:?}: letters, digits, - and _, without slashes",
@@ -644,6 +653,29 @@ mod tests {
     #[test]
     fn no_device_is_refused_with_a_way_out() {
         assert!(refusal("id = \"blue\"").contains("--sim"));
+    }
+
+    #[test]
+    fn a_name_that_cannot_be_is_refused() {
+        for name in ["", "a/b", "a\\u0000b", "a b", "ft_capture"] {
+            let text = refusal(&GOOD.replace("ft_sensor", name));
+            assert!(text.contains("device 0: name"), "{name}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_calibration_that_cannot_be_is_refused() {
+        let with = |mass: &str, com: &str| {
+            format!(
+                "{GOOD}\n[calibration]\npayload_mass_kg = {{ value = {mass}, std = 0.01 }}\n\
+                 payload_com_m = {{ value = [{com}, 0.0, 0.05], std = [0.0, 0.0, 0.0] }}\n\
+                 payload_inertia_kgm2 = {{ value = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], std = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }}\n"
+            )
+        };
+        Config::from_toml(&with("0.4", "0.0"), Path::new("a.toml")).unwrap();
+        assert!(refusal(&with("-0.4", "0.0")).contains("payload_mass_kg"));
+        assert!(refusal(&with("nan", "0.0")).contains("payload_mass_kg"));
+        assert!(refusal(&with("0.4", "inf")).contains("payload_com_m"));
     }
 
     #[test]

@@ -5,6 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ft_drivers::reading::Counts;
 use serde::Serialize;
 
+/// Name of what the program itself puts into a recording, marks and diagnostics; no device has it.
+pub const OWN_STREAM: &str = "ft_capture";
+
 /// Counters of one device's stream, written by its link thread and the sinks, read by anyone.
 #[derive(Debug, Default)]
 pub struct StreamCounters {

@@ -13,7 +13,7 @@ use ft_wire::HostTime;
 use crate::config::{Config, ConfigError, Device};
 use crate::encode::static_transforms;
 use crate::health::{Health, Named};
-use crate::ledger::{StreamCounters, StreamLedger};
+use crate::ledger::{OWN_STREAM, StreamCounters, StreamLedger};
 use crate::settings::{in_effect, with_defaults};
 use crate::sink::SinkError;
 use crate::sink::mcap::Preamble;
@@ -263,7 +263,7 @@ pub fn ledger_metadata(
             )
         })
         .collect();
-    ledger.insert("ft_capture".to_owned(), own.to_string());
+    ledger.insert(OWN_STREAM.to_owned(), own.to_string());
     ledger
 }
 
