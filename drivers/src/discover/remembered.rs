@@ -121,9 +121,12 @@ impl RememberedPort {
         mut there_are: impl FnMut() -> Vec<Place>,
         open: impl FnOnce(&Path) -> Result<L, LinkError>,
     ) -> Result<L, LinkError> {
-        let path = self.path_among(there_are())?;
+        // What could not be opened, or was gone again, is not the device to look for later.
+        let mut looking = self.clone();
+        let path = looking.path_among(there_are())?;
         let link = open(&path)?;
-        if self.path_among(there_are())? == path {
+        if looking.path_among(there_are())? == path {
+            *self = looking;
             return Ok(link);
         }
         let port = path.display().to_string();

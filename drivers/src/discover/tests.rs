@@ -334,6 +334,20 @@ fn a_device_that_takes_the_name_while_it_is_opened_is_let_go() {
 }
 
 #[test]
+fn a_device_that_could_not_be_opened_is_not_remembered() {
+    let first = Path::new("/dev/ttyFT90");
+    let [wrong, right] = ["B2", "A1"].map(|serial| vec![(&port("/dev/ttyFT90", serial)).into()]);
+    let mut remembered = RememberedPort::serial(first);
+    let busy = || LinkError::Busy {
+        port: "/dev/ttyFT90".to_owned(),
+    };
+    let refused = remembered.open_among(|| wrong.clone(), |_| Err::<(), _>(busy()));
+    assert!(matches!(refused, Err(LinkError::Busy { .. })));
+    let opened = remembered.open_among(|| right.clone(), |path| Ok(path.to_owned()));
+    assert_eq!(opened.unwrap(), first);
+}
+
+#[test]
 fn a_port_without_a_serial_number_stays_at_its_name() {
     let first = Path::new("/dev/ttyFT90");
     let mut remembered = RememberedPort::serial(first);
