@@ -3,9 +3,11 @@
 //! For trackers whose poses a program computes elsewhere: the device's `port` is `zenoh:<key>`. Each sample's payload is a piece of
 //! the stream, stamped when it arrives here. Nothing is sent back.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use ft_drivers::{Clock, Link, LinkError, MonotonicClock, RxStamps};
 use ft_wire::{Chunk, HostTime};
 use zenoh::Wait;
@@ -15,13 +17,20 @@ use zenoh::pubsub::Subscriber;
 pub const PREFIX: &str = "zenoh:";
 /// Samples that may wait; a stream at 1 kHz fills it in four seconds.
 const CAPACITY: usize = 4096;
+/// The longest sample, bytes; one of a pose is shorter than 100.
+const LONGEST: usize = 16 * 1024;
+
+/// A sample's payload, how much of it was taken, and when it came.
+type Arrived = (Vec<u8>, usize, HostTime);
 
 /// The host's end.
 #[derive(Debug)]
 pub struct ZenohLink {
-    arrived: Receiver<(Vec<u8>, HostTime)>,
+    arrived: Receiver<Arrived>,
     /// What is left of the sample before.
-    rest: Option<(Vec<u8>, HostTime)>,
+    rest: Option<Arrived>,
+    /// Samples that were too long or had no room.
+    lost: Arc<AtomicU64>,
     clock: MonotonicClock,
     port: String,
     _subscriber: Subscriber<()>,
@@ -39,11 +48,14 @@ impl ZenohLink {
     ) -> Result<Self, LinkError> {
         let port = format!("{PREFIX}{key}");
         let (sender, arrived) = bounded(CAPACITY);
+        let lost = Arc::new(AtomicU64::new(0));
+        let counted = Arc::clone(&lost);
         let subscriber = session
             .declare_subscriber(key.to_owned())
             .callback(move |sample| {
-                // A stream that nobody reads overflows; the device's own numbers show the gap.
-                let _ = sender.try_send((sample.payload().to_bytes().into_owned(), clock.now()));
+                if !queue(&sender, &sample.payload().to_bytes(), clock.now()) {
+                    counted.fetch_add(1, Ordering::Relaxed);
+                }
             })
             .wait()
             .map_err(|error| LinkError::Io {
@@ -54,6 +66,7 @@ impl ZenohLink {
         Ok(Self {
             arrived,
             rest: None,
+            lost,
             clock,
             port,
             _subscriber: subscriber,
@@ -61,11 +74,16 @@ impl ZenohLink {
     }
 }
 
+/// False for a sample that is too long, and when nobody reads the stream.
+fn queue(to: &Sender<Arrived>, payload: &[u8], at: HostTime) -> bool {
+    payload.len() <= LONGEST && to.try_send((payload.to_owned(), 0, at)).is_ok()
+}
+
 impl Link for ZenohLink {
     type Frame = Chunk;
 
     fn recv(&mut self, deadline: HostTime) -> Result<Option<(Chunk, RxStamps)>, LinkError> {
-        let (mut bytes, arrival) = match self.rest.take() {
+        let (bytes, taken, arrival) = match self.rest.take() {
             Some(rest) => rest,
             None => {
                 let wait = deadline.saturating_since(self.clock.now());
@@ -80,10 +98,10 @@ impl Link for ZenohLink {
                 }
             }
         };
-        let (chunk, taken) = Chunk::take_from(&bytes);
+        let (chunk, more) = Chunk::take_from(bytes.get(taken..).unwrap_or_default());
+        let taken = taken + more;
         if taken < bytes.len() {
-            bytes.drain(..taken);
-            self.rest = Some((bytes, arrival));
+            self.rest = Some((bytes, taken, arrival));
         }
         Ok(Some((chunk, RxStamps { arrival })))
     }
@@ -91,5 +109,24 @@ impl Link for ZenohLink {
     /// There is nobody to hear it.
     fn send(&mut self, _frame: &Chunk) -> Result<(), LinkError> {
         Ok(())
+    }
+
+    fn overflows(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_long_or_has_no_room_is_not_queued() {
+        let (sender, arrived) = bounded(1);
+        let at = HostTime::EPOCH;
+        assert!(!queue(&sender, &[0; LONGEST + 1], at));
+        assert!(queue(&sender, &[0; LONGEST], at));
+        assert!(!queue(&sender, &[0], at));
+        assert_eq!(arrived.len(), 1);
     }
 }
