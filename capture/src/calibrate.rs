@@ -85,6 +85,8 @@ pub struct Calibrated {
     pub free_air_s: f64,
     /// Wrenches and poses of the recording that only repeat the one before under a new stamp: left out.
     pub repeats: [u64; 2],
+    /// What is missing or damaged in the recording's file; none when it is whole.
+    pub damage: Option<String>,
     /// Whether the inertia had to be moved to one that a body can have.
     pub inertia_made_possible: bool,
     /// For the plot.
@@ -282,6 +284,7 @@ pub fn calibrate(
         before_rms: spread(&series),
         free_air_s: fit.residuals.len() as f64 * fit::ROW_STEP_S,
         repeats: [repeats(&recording.wrench), repeats(&recording.pose.samples)],
+        damage: recording.health.truncated.clone(),
         inertia_made_possible,
         series,
     })

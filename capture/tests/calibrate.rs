@@ -35,6 +35,20 @@ fn calibrated(setup: &Setup) -> Calibrated {
         .unwrap_or_else(|error| panic!("seed {}: {error}", setup.seed))
 }
 
+#[test]
+fn a_damaged_recording_is_said_to_be_one() {
+    let mut recording = Setup::random(1, Motion::SHAKE).record();
+    recording.health.truncated = Some("it was not finished".to_owned());
+    let found = calibrate(&recording, &CalibrateOptions::default()).unwrap();
+    assert!(found.damage.is_some());
+    assert!(found.to_string().contains("it was not finished"), "{found}");
+    let turned = CalibrateOptions {
+        find_rotation: true,
+        ..CalibrateOptions::default()
+    };
+    assert!(calibrate(&recording, &turned).unwrap().damage.is_some());
+}
+
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
 }

@@ -98,6 +98,7 @@ mod tests {
             rotation: None,
             alignment: None,
             not_aligned: None,
+            damage: None,
             gyroscope: Some(Gyroscope::NotCompared("/<script>&".to_owned())),
             residual_rms: [0.0; 2],
             before_rms: [0.0; 2],

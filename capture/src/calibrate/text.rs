@@ -84,6 +84,9 @@ impl fmt::Display for Calibrated {
             &c.payload_com_m,
             &c.payload_inertia_kgm2,
         );
+        if let Some(damage) = &self.damage {
+            writeln!(f, "DAMAGED       the recording is not whole: {damage}")?;
+        }
         writeln!(f, "free air      {:.1} s", self.free_air_s)?;
         for (count, what) in self.repeats.iter().zip(["wrenches", "poses"]) {
             if *count > 0 {

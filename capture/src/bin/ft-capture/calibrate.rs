@@ -18,7 +18,8 @@ const EXAMPLES: &str = "Examples:
   ft-capture calibrate shake.mcap --find-rotation --toml cal.toml   the sensor's rotation on the tool too, as [frames]
 
 Hold the tool still for 2 s in four orientations or more, then shake and turn it for 10 s, in free air. A gyroscope in the recording that
-has the wrench's clock (/ft/imu, or --map /their/imu=/ft/imu) checks the offset found. --json has everything, the covariance too.";
+has the wrench's clock (/ft/imu, or --map /their/imu=/ft/imu) checks the offset found. --json has everything, the covariance too.
+Exit codes: 0 fine, 1 the data cannot tell, 3 done, and the recording's file is damaged.";
 
 /// What to calibrate.
 #[derive(Debug, Args)]
@@ -105,5 +106,5 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> CommandResult {
     if let (true, Some(reason)) = (arguments.align, &found.not_aligned) {
         return Err(format!("the poses were not shifted: {reason}").into());
     }
-    Ok(Outcome::Fine)
+    Ok(Outcome::of(found.damage.is_some()))
 }
