@@ -36,11 +36,11 @@ fn measured() -> Option<PathBuf> {
 
 /// A still wrench of 30 s from `start` on.
 fn wrench_recording(path: &Path, start: HostTime) {
-    wrench_on("/ft/wrench", path, start);
+    wrench_on("/ft/wrench", path, start, 30);
 }
 
-fn wrench_on(topic: &str, path: &Path, start: HostTime) {
-    let messages = (0..30_000_i64).map(|k| {
+fn wrench_on(topic: &str, path: &Path, start: HostTime, seconds: i64) {
+    let messages = (0..1000 * seconds).map(|k| {
         let at = HostTime::from_nanos(start.as_nanos() + k * 1_000_000);
         let stamps = MessageStamps {
             log_time: at,
@@ -399,10 +399,8 @@ fn what_an_mps_folder_lacks_or_has_wrong_is_named() {
 fn glasses_of_which_most_poses_are_left_out_are_data_lost() {
     let scratch = tempfile::tempdir().unwrap();
     let path = |name: &str| scratch.path().join(name);
-    wrench_recording(
-        &path("a.mcap"),
-        HostTime::from_nanos(1_700_000_000_000_000_000),
-    );
+    let start = HostTime::from_nanos(1_700_000_000_000_000_000);
+    wrench_on("/ft/wrench", &path("a.mcap"), start, 7);
     let text = made_up("");
     let import = |rows: &dyn Fn(usize, &str) -> String| {
         let lines: Vec<String> = text
@@ -437,6 +435,14 @@ fn glasses_of_which_most_poses_are_left_out_are_data_lost() {
     let (code, said) = import(&no_turn);
     assert_eq!(code, Some(3), "{said}");
     assert!(said.contains("MORE THAN HALF"), "{said}");
+    // Five seconds of poses beside thirty of the wrench.
+    wrench_recording(&path("a.mcap"), start);
+    let (code, said) = import(&|_, line| line.to_owned());
+    assert_eq!(code, Some(3), "{said}");
+    assert!(
+        said.contains("NO POSES beside the wrenches from 6.0 to 30.0 s"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -444,7 +450,7 @@ fn a_wrench_of_another_name_is_taken_by_a_map() {
     let scratch = tempfile::tempdir().unwrap();
     let path = |name: &str| scratch.path().join(name);
     let start = HostTime::from_nanos(1_700_000_000_000_000_000);
-    wrench_on("/their/wrench", &path("theirs.mcap"), start);
+    wrench_on("/their/wrench", &path("theirs.mcap"), start, 30);
     std::fs::write(path("closed_loop_trajectory.csv"), made_up("")).unwrap();
     let map = TopicMap::from_arguments(["/their/wrench=/ft/wrench"]).unwrap();
     let options = AriaOptions {

@@ -20,6 +20,7 @@ use folder::MpsFolder;
 pub use report::AriaReport;
 
 use super::clock_map::ClockMap;
+use super::cover::Uncovered;
 use super::drift::{self, move_by};
 use super::mps::{MpsPose, Trajectory};
 use super::topics::{add_poses, import_entries};
@@ -171,6 +172,7 @@ pub fn import_aria(
         alignment,
         drift,
         replaced: replaced(&recording, &options.map),
+        uncovered: Uncovered::of(&recording.wrench, &recording.pose.samples),
         doubts,
         has_tcp: frames.is_some(),
         imu_offsets_ms,

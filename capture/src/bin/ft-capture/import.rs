@@ -24,7 +24,9 @@ const ARIA_EXAMPLES: &str = "Examples:
 The offset between the glasses and the wrench is found from the free air (marks free_air_begin and grasp): shake and turn
 the tool there for 10 s, and for 6 s after the release too: both show how the clocks drift apart, and that is taken out. --no-align
 keeps the times as they are. A gyroscope in the recording that has the wrench's clock checks the result: /ft/imu, or another name by
---map /their/imu=/ft/imu.";
+--map /their/imu=/ft/imu.
+
+Exit code 3 when more than half of the poses are left out, or poses have no wrench, or wrenches no poses, for 2 s or more.";
 
 /// What to import.
 #[derive(Debug, Args)]

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::calibrate::Alignment;
 use crate::gyro::{GyroCheck, Gyroscope};
+use crate::import::cover::Uncovered;
 use crate::import::drift::Drift;
 use crate::import::mps::{SourceFile, TrajectoryCounts, TrajectoryKind};
 use crate::import::order::SET_BACK;
@@ -35,6 +36,8 @@ pub struct AriaReport {
     pub drift: Option<Drift>,
     /// Poses that the source recording had, by topic: they are not in the new one.
     pub replaced: BTreeMap<String, u64>,
+    /// Where one of wrench and poses is there and the other is not.
+    pub uncovered: Uncovered,
     /// What looks like other units.
     pub doubts: Vec<String>,
     /// Whether `/tcp/pose` was written: it needs to know where the tool is on the glasses.
@@ -51,10 +54,10 @@ pub struct AriaReport {
 }
 
 impl AriaReport {
-    /// Whether a stretch by another clock, or more than half of the trajectory, is missing.
+    /// Whether a stretch by another clock, or more than half of the trajectory, is missing, or one stream beside the other.
     #[must_use]
     pub const fn lost_data(&self) -> bool {
-        self.counts.lost_data()
+        self.counts.lost_data() || self.uncovered.lost_data()
     }
 }
 
@@ -187,6 +190,6 @@ impl fmt::Display for AriaReport {
                 file.sha256.get(..12).unwrap_or("")
             )?;
         }
-        Ok(())
+        write!(f, "{}", self.uncovered)
     }
 }
