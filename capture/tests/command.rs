@@ -450,3 +450,24 @@ fn a_table_takes_frames_and_a_calibration_from_files() {
         );
     }
 }
+
+#[test]
+fn arguments_that_cannot_be_are_told_from_work_that_failed() {
+    for arguments in [
+        &["--sim", "nosuch"][..],
+        &["--sim", "--duration", "1s"],
+        &["--sim", "--speed", "max", "--duration", "1s"],
+        &["--sim", "--vcan", "nocan"],
+        &["--sim", "--speed", "max", "--vcan", "nocan"],
+        &["check", "a.mcap", "--map", "foo"],
+        &["calibrate", "a.mcap", "--map", "foo"],
+    ] {
+        let output = capture(arguments);
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{arguments:?}: {:?}",
+            said(&output)
+        );
+    }
+}

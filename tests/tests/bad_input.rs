@@ -24,7 +24,7 @@ const DEVICE: &str = "[[device]]\nname = \"ft_sensor\"\ndriver = \"bota_serial\"
 fn an_unknown_scenario_is_answered_with_the_known_ones() {
     let folder = tempdir().unwrap();
     capture(folder.path(), &["--sim", "wooden_door"])
-        .expect_code(1)
+        .expect_code(2)
         .complains(&["wooden_door", "wood_door", "oven_door"]);
 }
 

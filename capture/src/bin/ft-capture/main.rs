@@ -20,9 +20,11 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use ft_capture::config::is_name;
 use ft_capture::{foxglove, logging};
+use ft_recording::ReadError;
 
 /// Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.
 const LOST: u8 = 3;
+const WRONG_ARGUMENTS: u8 = 2;
 
 const EXAMPLES: &str = "Examples:
   ft-capture --sim                                   simulated gripper on a wood door, in real time
@@ -262,6 +264,10 @@ fn main() -> ExitCode {
         Ok(Outcome::DataLost) => ExitCode::from(LOST),
         Err(error) => {
             terminal::print_error(error.as_ref());
+            let is_wrong_map = matches!(error.downcast_ref(), Some(ReadError::Map { .. }));
+            if is_wrong_map || simulate::is_wrong_argument(error.as_ref()) {
+                return ExitCode::from(WRONG_ARGUMENTS);
+            }
             ExitCode::FAILURE
         }
     }

@@ -4,6 +4,8 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use clap::CommandFactory as _;
+use clap::error::ErrorKind;
 use ft_capture::config::is_name;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
@@ -11,21 +13,44 @@ use ft_capture::simulated;
 use ft_capture::stop::stop_flag;
 use ft_capture::summary::Summary;
 use ft_drivers::MonotonicClock;
-use ft_sim_hw::{Port, Scenario, ServeOptions, Server, Simulation, Truth};
+use ft_sim_hw::{
+    Port, Scenario, ScenarioError, ServeError, ServeOptions, ServedPort, Server, Simulation, Truth,
+};
 
 use crate::record::plan;
 use crate::terminal::{Operator, bar};
-use crate::{RecordArguments, Speed};
+use crate::{Arguments, RecordArguments, Speed};
 
 /// Runs the scenario `name`.
 pub(crate) fn run(
     arguments: &RecordArguments,
     name: &str,
 ) -> Result<Summary, Box<dyn std::error::Error>> {
+    if arguments.speed == Speed::Max && arguments.vcan.is_some() {
+        refuse_vcan("--speed max uses no CAN interface: leave out --vcan, or use --speed 1");
+    }
     match arguments.speed {
         Speed::RealTime => simulated_live(arguments, name),
         Speed::Max => simulated_stepped(arguments, name),
     }
+}
+
+fn refuse_vcan(why: &str) -> ! {
+    Arguments::command()
+        .error(ErrorKind::ArgumentConflict, why)
+        .exit()
+}
+
+/// Whether an error is one of the command line: a scenario that there is not, or too short a duration.
+pub(crate) fn is_wrong_argument(error: &(dyn std::error::Error + 'static)) -> bool {
+    let scenario = match error.downcast_ref() {
+        Some(ServeError::Scenario(scenario)) => Some(scenario),
+        _ => error.downcast_ref(),
+    };
+    matches!(
+        scenario,
+        Some(ScenarioError::UnknownName { .. } | ScenarioError::TooShort { .. })
+    )
 }
 
 fn simulated_live(
@@ -46,6 +71,10 @@ fn simulated_live(
         options,
     )?;
     let ports = server.ports();
+    let on_can = |served: &ServedPort| matches!(served.port, Port::SocketCan(_));
+    if arguments.vcan.is_some() && !ports.iter().any(on_can) {
+        refuse_vcan("no device of the scenario is on CAN: leave out --vcan");
+    }
     let mut connections = Vec::new();
     for served in &ports {
         connections.push(match &served.port {

@@ -4,6 +4,11 @@ use ft_capture::summary::Summary;
 
 use crate::RecordArguments;
 
+/// Whether an error is one of the command line.
+pub(crate) fn is_wrong_argument(_error: &(dyn std::error::Error + 'static)) -> bool {
+    false
+}
+
 /// Says that this build cannot.
 pub(crate) fn run(
     _arguments: &RecordArguments,
