@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use ft_drivers::translate::Handover;
 use ft_recording::calibration::Calibration;
+use ft_recording::message::TransformStamped;
+use ft_wire::frames::{AriaDevice, Frame as _, FtSensor, Tcp};
 use serde::{Deserialize, Serialize};
 
 use crate::encode::Topic;
@@ -181,6 +183,20 @@ pub struct Frames {
 }
 
 impl Frames {
+    /// Takes over a transform of `/tf_static` that is one of these.
+    pub(crate) fn take(&mut self, said: &TransformStamped) {
+        let pose = match (said.header.frame_id.as_str(), said.child_frame_id.as_str()) {
+            (AriaDevice::NAME, Tcp::NAME) => &mut self.aria_device_from_tcp,
+            (Tcp::NAME, FtSensor::NAME) => &mut self.tcp_from_ft_sensor,
+            _ => return,
+        };
+        let (at, turn) = (said.transform.translation, said.transform.rotation);
+        *pose = StaticPose {
+            position_m: [at.x, at.y, at.z],
+            quaternion_xyzw: [turn.x, turn.y, turn.z, turn.w],
+        };
+    }
+
     fn check(&self, path: &Path) -> Result<(), ConfigError> {
         SaidFrames::from(self.clone()).check(path)
     }

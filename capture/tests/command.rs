@@ -471,3 +471,44 @@ fn arguments_that_cannot_be_are_told_from_work_that_failed() {
         );
     }
 }
+
+#[test]
+fn a_replay_keeps_what_was_found_after_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let recorded = path("a.mcap");
+    let arguments = ["--sim", "--speed", "max", "--duration", "12s", "-o"];
+    let output = capture(&[&arguments[..], &[recorded.to_str().unwrap()]].concat());
+    assert!(recorded.exists(), "{:?}", said(&output));
+    let map = ft_recording::TopicMap::default();
+    let before = ft_recording::Recording::load(&recorded, &map).unwrap();
+    let zero = |std| ft_recording::Estimate {
+        value: [0.0; 6],
+        std: [std; 6],
+    };
+    let calibration = ft_recording::Calibration {
+        payload_mass_kg: ft_recording::Estimate {
+            value: 0.321,
+            std: 0.01,
+        },
+        payload_com_m: ft_recording::Estimate {
+            value: [0.0; 3],
+            std: [0.01; 3],
+        },
+        payload_inertia_kgm2: zero(0.001),
+        wrench_bias: Some(zero(0.1)),
+        covariance: None,
+    };
+    let sensor = ft_recording::Pose7::normalised([0.0, 0.0, 0.123], [0.0, 0.0, 0.0, 1.0]).unwrap();
+    let mut rewrite = ft_recording::rewrite::Rewrite::new();
+    rewrite.metadata("ft.calibration", calibration.to_metadata().unwrap());
+    rewrite.set_frame("tcp", "ft_sensor", sensor, &map, before.wrench[0].at);
+    rewrite
+        .write(Some(&recorded), &path("b.mcap"), false)
+        .unwrap();
+    ft_capture::session::replay::replay(&path("b.mcap"), &path("c.mcap"), false).unwrap();
+    let replayed = ft_recording::Recording::load(&path("c.mcap"), &map).unwrap();
+    assert_eq!(replayed.calibration, Some(calibration));
+    assert_eq!(replayed.tcp_from_ft_sensor, sensor);
+    assert_eq!(replayed.aria_device_from_tcp, before.aria_device_from_tcp);
+}

@@ -1,7 +1,7 @@
 //! Sends the raw frames of a recording through the drivers again, on the recording's own clock.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -11,9 +11,9 @@ use ft_drivers::hid_axis::HidFrame;
 use ft_drivers::link::record::RawFrame;
 use ft_drivers::options::Startup;
 use ft_drivers::{Link, LinkError, RxStamps};
-use ft_recording::message::{Message, Text};
-use ft_recording::metadata;
+use ft_recording::message::{Message, TFMessage, Text};
 use ft_recording::reader::{Record, RecordReader};
+use ft_recording::{Calibration, metadata, topic};
 use ft_wire::{CanFrame, Chunk, HostTime};
 
 use super::stepped::{Buffer, Listener, Stepping};
@@ -204,15 +204,30 @@ impl Source {
         };
         let mut reader = RecordReader::open(file)?;
         let (mut session, mut topics, mut first_samples) = (None, BTreeMap::new(), BTreeMap::new());
+        let (mut calibration, mut static_channels) = (None, BTreeSet::new());
+        let mut transforms = Vec::new();
         let mut is_retimed = false;
         while let Some(record) = reader.next_record()? {
             match record {
                 Record::Metadata { name, entries } if name == "ft.session" => {
                     session = Some(entries)
                 }
+                Record::Metadata { name, entries } if name == metadata::CALIBRATION => {
+                    calibration = Some(entries);
+                }
                 Record::Metadata { name, .. } if name == metadata::RETIMED => is_retimed = true,
-                Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
+                Record::Channel(channel) => {
+                    if channel.topic == topic::TF_STATIC {
+                        static_channels.insert(channel.id);
+                    }
+                    topics.insert(channel.id, channel.topic);
+                }
                 Record::Message(message) => {
+                    if static_channels.contains(&message.channel_id)
+                        && let Ok(message) = TFMessage::decode(message.data)
+                    {
+                        transforms.extend(message.transforms);
+                    }
                     if let Some(topic) = topics.remove(&message.channel_id) {
                         let at = HostTime::from_nanos(
                             i64::try_from(message.log_time).unwrap_or(i64::MAX),
@@ -231,7 +246,17 @@ impl Source {
         let text = session
             .and_then(|mut entries| entries.remove("config"))
             .ok_or_else(|| not("the metadata ft.session with the configuration is missing: the drivers are unknown"))?;
-        let config = Config::from_toml(&text, file)?;
+        let mut config = Config::from_toml(&text, file)?;
+        // What `calibrate` and imports found later stands in the recording, not in its configuration.
+        if let Some(entries) = calibration {
+            let calibration = Calibration::from_metadata(&entries);
+            config.calibration = Some(calibration.map_err(|_| {
+                not("its metadata ft.calibration is no calibration: `ft-capture calibrate` writes one")
+            })?);
+        }
+        transforms
+            .iter()
+            .for_each(|transform| config.frames.take(transform));
         let start = first_samples.values().min().copied().unwrap_or_default();
         Ok(Self {
             config,
