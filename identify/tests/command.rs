@@ -170,6 +170,18 @@ fn wrong_arguments_end_with_2_and_wrong_input_with_1() {
 }
 
 #[test]
+fn a_batch_of_which_one_fails_has_failed() {
+    let directory = tempfile::tempdir().unwrap();
+    let (recordings, out) = (directory.path().join("in"), directory.path().join("out"));
+    std::fs::create_dir_all(&recordings).unwrap();
+    std::fs::write(recordings.join("a.mcap"), b"no recording").unwrap();
+    let [recordings, out] = [&recordings, &out].map(|path| path.to_str().unwrap());
+    let done = run(&["--batch", recordings, "-o", out]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(text(&done.stdout).contains("1 failed"));
+}
+
+#[test]
 fn a_table_without_the_column_lists_those_there() {
     let directory = tempfile::tempdir().unwrap();
     let file = table(directory.path(), slide().take(200));

@@ -321,13 +321,13 @@ fn a_batch_of_fifty_survives_bad_files_a_kill_and_a_restart() {
     // What the system refuses is a failure now, and is tried again: a folder stands where a report is to be written.
     let in_the_way = results.join("z1/report.json");
     std::fs::create_dir_all(&in_the_way).unwrap();
-    programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
+    programs::run("ft-identify", &arguments, folder.path()).expect_code(1);
     let table = std::fs::read_to_string(results.join("summary.csv")).unwrap();
     let failed = |line: &str| line.starts_with("\"z1\",failed,") && line.contains("cannot write");
     assert!(table.lines().any(failed), "{table}");
     assert!(!note("z1").exists());
     std::fs::remove_dir(&in_the_way).unwrap();
-    programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
+    programs::run("ft-identify", &arguments, folder.path()).expect_code(1);
     let after = ["kitchen/drawer", "torn00", "torn01", "torn02"].map(written);
     let again = [0, 1, 2, 3].map(|k| after[k] != before[k]);
     assert_eq!(again, [false, true, true, false], "what was done again");

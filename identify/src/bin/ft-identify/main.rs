@@ -70,7 +70,7 @@ struct RecordingArguments {
     #[arg(required_unless_present = "batch")]
     recording: Option<PathBuf>,
     /// Identify every recording below this directory, each into its own directory below --output; goes on where an earlier run
-    /// was stopped (--force begins anew), and ends with one table, summary.csv
+    /// was stopped (--force begins anew), and ends with one table, summary.csv; exit code 1 when one of them failed
     #[arg(long, value_name = "DIR", conflicts_with_all = ["recording", "confirm"])]
     batch: Option<PathBuf>,
     /// With --batch: recordings at a time [default: one per processor]
@@ -180,9 +180,11 @@ struct TrackArguments {
     json: bool,
 }
 
-/// How a run ended well.
+/// How a run ended that has a result.
 enum Outcome {
     Fine,
+    /// Some of several inputs, each named.
+    Failed,
     DataLost,
 }
 
@@ -200,6 +202,7 @@ fn main() -> ExitCode {
     };
     match outcome {
         Ok(Outcome::Fine) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::FAILURE,
         Ok(Outcome::DataLost) => ExitCode::from(3),
         Err(error) => {
             eprintln!("ft-identify: {}", with_input(&error, &arguments));
@@ -232,7 +235,7 @@ fn with_input(error: &IdentifyError, arguments: &Arguments) -> String {
     }
 }
 
-/// A recording that cannot be identified is a row of the table, not a failure of the batch.
+/// A recording that fails is a row of the table and stops nothing; the exit code tells.
 fn run_batch(
     arguments: &RecordingArguments,
     directory: &Path,
@@ -277,7 +280,10 @@ fn run_batch(
             output.join("summary.csv").display()
         );
     }
-    Ok(if rows.iter().any(|row| row.damage.is_some()) {
+    let has_failed = |row: &batch::BatchRow| row.outcome == batch::Outcome::Failed;
+    Ok(if rows.iter().any(has_failed) {
+        Outcome::Failed
+    } else if rows.iter().any(|row| row.damage.is_some()) {
         Outcome::DataLost
     } else {
         Outcome::Fine
