@@ -170,6 +170,25 @@ fn wrong_arguments_end_with_2_and_wrong_input_with_1() {
 }
 
 #[test]
+fn a_table_does_not_confirm_itself() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let copy = directory.path().join("copy.csv");
+    std::fs::copy(&file, &copy).unwrap();
+    let out = directory.path().join("out");
+    let columns = ["--time", "t", "--position", "q", "--effort", "f"];
+    let rest = ["--kind", "prismatic", "-o", out.to_str().unwrap()];
+    for other in [&file, copy.to_str().unwrap()] {
+        let confirm = ["--confirm", other];
+        let done = run(&[&["table", &file], &columns[..], &rest, &confirm].concat());
+        assert_eq!(done.status.code(), Some(1));
+        let said = text(&done.stderr);
+        assert!(said.contains("it is the same recording"), "{said}");
+    }
+    assert!(!out.exists());
+}
+
+#[test]
 fn a_batch_of_which_one_fails_has_failed() {
     let directory = tempfile::tempdir().unwrap();
     let (recordings, out) = (directory.path().join("in"), directory.path().join("out"));

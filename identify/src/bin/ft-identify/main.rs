@@ -336,6 +336,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
     let progress = Progress::start();
     let samples = read_table(&arguments.table, &columns, kind)?;
     progress.finished(Stage::Read);
+    let hash = sha256(&arguments.table)?;
     let recipe = arguments.lowpass_hz.map(|lowpass_hz| Recipe {
         lowpass_hz,
         lowpass_order: arguments.lowpass_order.map_or(4, usize::from),
@@ -348,6 +349,12 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         None => {
             let mut others = Vec::new();
             for path in &arguments.common.confirm {
+                if sha256(path)? == hash {
+                    return Err(IdentifyError::Confirm {
+                        path: path.clone(),
+                        source: Box::new(IdentifyError::ConfirmsItself),
+                    });
+                }
                 let name = path
                     .file_name()
                     .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
@@ -357,12 +364,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         }
     };
     progress.end();
-    let identified = identified_table(
-        &arguments.table,
-        sha256(&arguments.table)?,
-        &samples,
-        analysis,
-    );
+    let identified = identified_table(&arguments.table, hash, &samples, analysis);
     finish(identified, &arguments.output, &arguments.common)?;
     Ok(Outcome::Fine)
 }
