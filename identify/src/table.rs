@@ -1,10 +1,13 @@
 //! Measured position and effort of one joint from a CSV file.
 //!
+//! Columns are separated by commas, semicolons or tabs, whichever gives the named ones; numbers have points.
 //! The columns are named by the caller; the rest is ignored. Time must increase; it may be irregular, and the series are
 //! then put on a uniform grid of the median step (linear interpolation). A step over three times the median is a gap.
 
+mod plausible;
 mod published;
 
+pub use plausible::doubts;
 pub use published::{Recipe, identify_published};
 
 use std::path::{Path, PathBuf};
@@ -44,6 +47,22 @@ pub enum TableError {
         name: String,
         /// Those there.
         there: Vec<String>,
+    },
+    /// A named column is there more than once.
+    #[error("{}: there is more than one column `{name}`; rename the others", path.display())]
+    DoubledColumn {
+        /// The file.
+        path: PathBuf,
+        /// Its name.
+        name: String,
+    },
+    /// A column was named for two things.
+    #[error(
+        "column `{name}` cannot be two of time, position and effort; name three different ones"
+    )]
+    SameColumn {
+        /// Its name.
+        name: String,
     },
     /// A cell is not a number.
     #[error("{}: row {row}, column `{column}`: `{text}` is not a number", path.display())]
@@ -108,28 +127,31 @@ pub fn read_table(
         path: path.to_owned(),
         source,
     };
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(io)?;
-    let there: Vec<String> = reader
-        .headers()
-        .map_err(io)?
-        .iter()
-        .map(str::to_owned)
-        .collect();
+    let wanted = [&columns.time, &columns.position, &columns.effort];
+    if let Some(name) = (1..3).find_map(|k| wanted[..k].iter().find(|name| **name == wanted[k])) {
+        return Err(TableError::SameColumn {
+            name: (*name).clone(),
+        });
+    }
+    let bytes = std::fs::read(path).map_err(|source| io(source.into()))?;
+    let (separator, there) = separated(&bytes, wanted).map_err(io)?;
     let find = |name: &String| {
-        there
-            .iter()
-            .position(|column| column == name)
-            .ok_or_else(|| TableError::MissingColumn {
+        let mut found = (0..there.len()).filter(|&at| there[at] == *name);
+        match (found.next(), found.next()) {
+            (Some(at), None) => Ok(at),
+            (Some(_), Some(_)) => Err(TableError::DoubledColumn {
+                path: path.to_owned(),
+                name: name.clone(),
+            }),
+            (None, _) => Err(TableError::MissingColumn {
                 path: path.to_owned(),
                 name: name.clone(),
                 there: there.clone(),
-            })
+            }),
+        }
     };
-    let wanted = [&columns.time, &columns.position, &columns.effort];
     let index = [find(wanted[0])?, find(wanted[1])?, find(wanted[2])?];
+    let mut reader = csv_reader(&bytes, separator);
     let mut rows: Vec<[f64; 3]> = Vec::new();
     for record in reader.records() {
         let record = record.map_err(io)?;
@@ -170,6 +192,29 @@ pub fn read_table(
         });
     }
     Ok(on_a_grid(&rows, kind))
+}
+
+fn csv_reader(bytes: &[u8], separator: u8) -> csv::Reader<&[u8]> {
+    csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .delimiter(separator)
+        .from_reader(bytes)
+}
+
+/// The separator that gives most of the wanted columns, then most columns at all; and the header by it.
+fn separated(bytes: &[u8], wanted: [&String; 3]) -> Result<(u8, Vec<String>), csv::Error> {
+    let mut best = (0, 0);
+    let mut found = (b',', Vec::new());
+    for separator in [b',', b';', b'\t'] {
+        let header = csv_reader(bytes, separator).headers()?.clone();
+        let there: Vec<String> = header.iter().map(str::to_owned).collect();
+        let count = wanted.iter().filter(|name| there.contains(name)).count();
+        if (count, there.len()) > best {
+            best = (count, there.len());
+            found = (separator, there);
+        }
+    }
+    Ok(found)
 }
 
 fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {

@@ -189,6 +189,22 @@ fn a_table_does_not_confirm_itself() {
 }
 
 #[test]
+fn other_units_in_a_table_are_doubted_and_no_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide().map(|[t, q, f]| [t, 1e3 * q, f]));
+    let out = directory.path().join("out");
+    let columns = ["--time", "t", "--position", "q", "--effort", "f"];
+    let rest = ["--kind", "prismatic", "-o", out.to_str().unwrap()];
+    let done = run(&[&["table", &file], &columns[..], &rest].concat());
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("doubtful: positions reach over 300 m"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_batch_of_which_one_fails_has_failed() {
     let directory = tempfile::tempdir().unwrap();
     let (recordings, out) = (directory.path().join("in"), directory.path().join("out"));

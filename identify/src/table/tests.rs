@@ -107,3 +107,74 @@ fn a_gap_ends_a_run_and_uneven_steps_are_interpolated() {
         assert!((q - 2.0 * (t + 0.003)).abs() < 1e-9);
     }
 }
+
+#[test]
+fn columns_may_be_separated_by_semicolons_or_tabs() {
+    let commas = rows(200).replace("t, q", "Time [s], q");
+    let columns = TableColumns {
+        time: "Time [s]".into(),
+        ..columns()
+    };
+    let read = |text: &str| read_table(table(text).path(), &columns, JointKind::Prismatic).unwrap();
+    for separator in [";", "\t", "; "] {
+        let samples = read(&commas.replace(", ", separator));
+        assert_eq!((samples.q[7], samples.tau[7]), (7.0, 14.0));
+    }
+    // One that stands in names is none.
+    assert_eq!(read(&commas.replace("other", "a;b;c;d;e")).q[7], 7.0);
+}
+
+#[test]
+fn a_column_that_is_there_or_named_twice_is_refused() {
+    let error = read("t,q,f,q\n0,0,0,0\n").unwrap_err().to_string();
+    assert!(error.contains("more than one column `q`"), "{error}");
+    // Those that are not read may be alike.
+    let alike = rows(200)
+        .replace("other, f", "other, other, f")
+        .replace(" x,", " x, x,");
+    assert!(read(&alike).is_ok());
+    let columns = TableColumns {
+        effort: "q".into(),
+        ..columns()
+    };
+    let same = read_table(Path::new("/nonexistent"), &columns, JointKind::Revolute);
+    assert!(matches!(same, Err(TableError::SameColumn { name }) if name == "q"));
+}
+
+/// A joint that goes to and fro over `span` in 4 s, its time told in `per_s` units.
+fn to_and_fro(kind: JointKind, span: f64, per_s: f64) -> JointSamples {
+    let mut text = "t,q,f\n".to_owned();
+    for i in 0..2000 {
+        let t = f64::from(i) * 0.01;
+        text += &format!("{},{},0\n", t * per_s, 0.5 * span * (1.6 * t).sin());
+    }
+    read_table(table(&text).path(), &columns(), kind).unwrap()
+}
+
+#[test]
+fn other_units_are_doubted() {
+    use JointKind::{Prismatic, Revolute};
+    for (kind, span, per_s, expected) in [
+        (Prismatic, 0.4, 1.0, None),
+        (Revolute, 1.6, 1.0, None),
+        (Prismatic, 0.4, 1e3, Some("is the time in s?")),
+        (Prismatic, 0.4, 1e-6, Some("is the time in s?")),
+        (Prismatic, 40.0, 1.0, Some("and not in cm or mm?")),
+        (Revolute, 90.0, 1.0, Some("and not in degrees?")),
+        (
+            Prismatic,
+            0.4,
+            0.05,
+            Some("are positions in m and times in s?"),
+        ),
+    ] {
+        let doubts = doubts(&to_and_fro(kind, span, per_s));
+        match expected {
+            None => assert_eq!(doubts, Vec::<String>::new()),
+            Some(text) => assert!(
+                doubts.iter().any(|doubt| doubt.contains(text)),
+                "{doubts:?}"
+            ),
+        }
+    }
+}

@@ -19,7 +19,7 @@ use ft_identify::paper::PaperSettings;
 use ft_identify::pipeline::{DAMAGED, Identified, Stage, identified_table, identify_confirmed};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
-use ft_identify::table::{Recipe, TableColumns, identify_published, read_table};
+use ft_identify::table::{Recipe, TableColumns, doubts, identify_published, read_table};
 use ft_identify::track::{TrackError, TrackJoint, identify_track};
 use ft_recording::TopicMap;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -124,7 +124,7 @@ Examples:
   ft-identify table DATA_EMPS.csv --time t_s --position qm_m --effort force_N --kind prismatic \\
       --lowpass-hz 100 --lowpass-order 4 --decimate 10 --drop-border 50 --offset -o emps     the published recipe")]
 struct TableArguments {
-    /// CSV file with a header
+    /// CSV file with a header; columns separated by commas, semicolons or tabs
     table: PathBuf,
     /// Column of time, s
     #[arg(long)]
@@ -334,7 +334,14 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
     };
     refuse_existing(&arguments.output, &FILES, arguments.common.force)?;
     let progress = Progress::start();
-    let samples = read_table(&arguments.table, &columns, kind)?;
+    let read = |path: &Path| -> Result<_, IdentifyError> {
+        let samples = read_table(path, &columns, kind)?;
+        for doubt in doubts(&samples) {
+            eprintln!("{}: doubtful: {doubt}", path.display());
+        }
+        Ok(samples)
+    };
+    let samples = read(&arguments.table)?;
     progress.finished(Stage::Read);
     let hash = sha256(&arguments.table)?;
     let recipe = arguments.lowpass_hz.map(|lowpass_hz| Recipe {
@@ -358,7 +365,7 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
                 let name = path
                     .file_name()
                     .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-                others.push((name, read_table(path, &columns, kind)?));
+                others.push((name, read(path)?));
             }
             analyse_confirmed(&samples, &settings(&arguments.common), &others)?
         }
