@@ -163,6 +163,21 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
+    /// Whether what was asked for is wrong, rather than the input or the system.
+    #[must_use]
+    pub const fn is_of_arguments(&self) -> bool {
+        matches!(
+            self,
+            Self::Read(ReadError::Map { .. })
+                | Self::Table(TableError::SameColumn { .. })
+                | Self::Filter(FilterError::Cutoff { .. })
+                | Self::Motion(MotionError::Filter(FilterError::Cutoff { .. }))
+                | Self::Dynamics(DynamicsError::Motion(MotionError::Filter(
+                    FilterError::Cutoff { .. }
+                )))
+        )
+    }
+
     /// Whether the same input may give a result later, because the system refused to read or write, or another process was writing.
     #[must_use]
     pub const fn is_transient(&self) -> bool {

@@ -204,9 +204,15 @@ impl Motion {
         settings: &MotionSettings,
     ) -> Result<(Self, Vec<Vec<f64>>, f64), MotionError> {
         let rate = samples.rate_hz();
+        let cutoff_hz = settings.cutoff_hz;
+        // The default gives way to a slow sensor; what was asked for does not.
+        if !(cutoff_hz <= MotionSettings::default().cutoff_hz || cutoff_hz < rate / 2.0) {
+            let rate_hz = rate;
+            return Err(FilterError::Cutoff { cutoff_hz, rate_hz }.into());
+        }
         let factor = (rate / settings.work_rate_hz).round().max(1.0) as usize;
         let work_rate = rate / factor as f64;
-        let cutoff = settings.cutoff_hz.min(work_rate / 6.0);
+        let cutoff = cutoff_hz.min(work_rate / 6.0);
         let mut work = Work {
             factor,
             rate,

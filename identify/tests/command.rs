@@ -151,6 +151,16 @@ fn wrong_arguments_end_with_2_and_wrong_input_with_1() {
         run(&["table", "x.csv", "--kind", "helical"]).status.code(),
         Some(2)
     );
+    for more in [
+        ["--map", "foo"],
+        ["--cutoff-hz", "0"],
+        ["--cutoff-hz", "nan"],
+        ["--cutoff-hz", "inf"],
+        ["--jobs", "2"],
+    ] {
+        let done = run(&[&["/nonexistent/x.mcap", "-o", "/tmp/never"], &more[..]].concat());
+        assert_eq!(done.status.code(), Some(2), "{more:?}");
+    }
     let missing = run(&["/nonexistent/x.mcap", "-o", "/tmp/never"]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(
@@ -202,6 +212,23 @@ fn other_units_in_a_table_are_doubted_and_no_error() {
         said.contains("doubtful: positions reach over 300 m"),
         "{said}"
     );
+}
+
+#[test]
+fn a_cutoff_beyond_half_the_rate_is_a_wrong_argument() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = table(directory.path(), slide());
+    let out = directory.path().join("out");
+    let columns = ["--time", "t", "--position", "q", "--effort", "f"];
+    let rest = ["--kind", "prismatic", "-o", out.to_str().unwrap()];
+    for cutoff in ["200.1", "1e6"] {
+        let cutoff = ["--cutoff-hz", cutoff];
+        let done = run(&[&["table", &file], &columns[..], &rest, &cutoff].concat());
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{said}");
+        assert!(said.contains("half the rate of 400 Hz"), "{said}");
+    }
+    assert!(!out.exists());
 }
 
 #[test]
@@ -303,7 +330,7 @@ fn a_twin_is_let_go_exported_and_compared() {
         "{swing}"
     );
     assert!(
-        said(&["simulate", twin, "--release", "20deg"], 1)
+        said(&["simulate", twin, "--release", "20deg"], 2)
             .contains("give a number with mm or cm or m")
     );
     assert!(said(&["simulate", twin, "--release", "9m"], 1).contains("outside the range"));
@@ -333,6 +360,10 @@ fn a_twin_is_let_go_exported_and_compared() {
         );
     }
     assert_eq!(run(&["simulate", twin]).status.code(), Some(2));
+    for more in [["--limit", "5"], ["--within", "2"]] {
+        let arguments = [&["simulate", twin, "--release", "0.2m"][..], &more].concat();
+        assert!(said(&arguments, 2).contains("cannot be used with"));
+    }
     let assets = directory.path().join("assets");
     let assets = assets.to_str().unwrap();
     let told = said(

@@ -26,7 +26,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 
 use use_error::UseError;
-use use_twin::{Compare, Export, Simulate};
+use use_twin::{Compare, Export, Simulate, positive};
 
 const EXAMPLES: &str = "Examples:
   ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
@@ -74,7 +74,7 @@ struct RecordingArguments {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["recording", "confirm"])]
     batch: Option<PathBuf>,
     /// With --batch: recordings at a time [default: one per processor]
-    #[arg(long, requires = "batch", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, requires = "batch", conflicts_with = "recording", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Directory for report.json, report.html and twin.json
     #[arg(short, long, required = true)]
@@ -89,7 +89,7 @@ struct RecordingArguments {
 #[derive(Args)]
 struct Common {
     /// Cut-off of the zero-phase filter for effort and regressors, Hz
-    #[arg(long, default_value_t = MotionSettings::default().cutoff_hz)]
+    #[arg(long, default_value_t = MotionSettings::default().cutoff_hz, value_parser = positive)]
     cutoff_hz: f64,
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
     #[arg(long)]
@@ -206,7 +206,7 @@ fn main() -> ExitCode {
         Ok(Outcome::DataLost) => ExitCode::from(3),
         Err(error) => {
             eprintln!("ft-identify: {}", with_input(&error, &arguments));
-            ExitCode::FAILURE
+            ExitCode::from(if error.is_of_arguments() { 2 } else { 1 })
         }
     }
 }
@@ -216,7 +216,11 @@ fn used(result: Result<(), UseError>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("ft-identify: {error}");
-            ExitCode::FAILURE
+            ExitCode::from(if matches!(error, UseError::Place { .. }) {
+                2
+            } else {
+                1
+            })
         }
     }
 }

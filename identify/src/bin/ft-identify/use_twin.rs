@@ -38,13 +38,14 @@ pub(crate) struct Simulate {
     #[arg(long, default_value = "30", value_parser = positive)]
     longest: f64,
     /// Instead: what it takes to move it from the lower end of the range to here
-    #[arg(long, value_name = "PLACE", allow_hyphen_values = true, conflicts_with_all = ["release", "until", "output"])]
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true, conflicts_with_all = ["release", "until", "longest", "output"])]
     open: Option<String>,
+    // clap asks for no `open` where `release` is, which excludes it.
     /// Time of the opening, s
-    #[arg(long, value_name = "SECONDS", default_value = "6", value_parser = positive, requires = "open")]
+    #[arg(long, value_name = "SECONDS", default_value = "6", value_parser = positive, requires = "open", conflicts_with = "release")]
     within: f64,
     /// Force that a robot has at the handle, N
-    #[arg(long, value_name = "N", value_parser = positive, requires = "open")]
+    #[arg(long, value_name = "N", value_parser = positive, requires = "open", conflicts_with = "release")]
     limit: Option<f64>,
     /// Directory for swing.json and swing.html (plots and an animation)
     #[arg(short, long)]
@@ -233,7 +234,7 @@ fn shown(kind: JointKind) -> (f64, &'static str) {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let number: Option<f64> = text.parse().ok();
     number
         .filter(|value| value.is_finite() && *value > 0.0)
