@@ -18,7 +18,7 @@ use sha2::{Digest, Sha256};
 
 use crate::error::IdentifyError;
 use crate::motion::MotionSettings;
-use crate::output::write_to;
+use crate::output::{replace, write_to};
 use crate::pipeline::{DAMAGED, identify_recording};
 
 /// What became of one recording.
@@ -184,14 +184,6 @@ pub fn run(
     Ok(rows)
 }
 
-/// Writes a file that is there as a whole, the old or the new one, whenever this is broken off.
-fn replace(path: &Path, text: &str) -> std::io::Result<()> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    std::fs::write(&partial, text)?;
-    std::fs::rename(&partial, path)
-}
-
 /// `summary.csv` and `summary.json` in `output`.
 fn write_table(output: &Path, rows: &[BatchRow]) -> Result<(), IdentifyError> {
     let write = |name: &str, text: String| {
@@ -307,7 +299,7 @@ fn one(directory: &Path, file: &Path, output: &Path, options: &BatchOptions) -> 
     };
     // A note that cannot be written costs a repetition, no more.
     let _ = std::fs::create_dir_all(&folder)
-        .and_then(|()| replace(&note, &serde_json::to_string(&row).unwrap_or_default()));
+        .and_then(|()| replace(&note, serde_json::to_string(&row).unwrap_or_default()));
     (row, false)
 }
 

@@ -21,7 +21,7 @@ pub use table::Table;
 
 use crate::error::IdentifyError;
 use crate::least_squares::FitError;
-use crate::output::refuse_existing;
+use crate::output::{refuse_existing, replace};
 use crate::twin::{Evaluator, Twin};
 
 /// A format.
@@ -109,7 +109,7 @@ pub fn export(
         let mut files = Vec::new();
         for (file, bytes) in texts {
             let path = directory.join(file);
-            std::fs::write(&path, bytes).map_err(|source| IdentifyError::Write {
+            replace(&path, bytes).map_err(|source| IdentifyError::Write {
                 path: path.clone(),
                 source,
             })?;

@@ -58,18 +58,46 @@ pub fn write_to(directory: &Path, identified: &Identified) -> Result<Vec<PathBuf
     }
     files
         .into_iter()
-        .map(|(name, text)| replace(&directory.join(name), &text))
+        .map(|(name, text)| {
+            let path = directory.join(name);
+            match replace(&path, text) {
+                Ok(()) => Ok(path),
+                Err(source) => Err(IdentifyError::Write { path, source }),
+            }
+        })
         .collect()
 }
 
-/// Writes beside the target and renames.
-fn replace(path: &Path, text: &str) -> Result<PathBuf, IdentifyError> {
-    let failed = |source| IdentifyError::Write {
-        path: path.to_owned(),
-        source,
-    };
-    let partial = path.with_extension("partial");
-    std::fs::write(&partial, text).map_err(failed)?;
-    std::fs::rename(&partial, path).map_err(failed)?;
-    Ok(path.to_owned())
+/// Writes a file that is there as a whole, the old or the new one, whenever this is broken off or the disk is full.
+///
+/// # Errors
+/// It cannot be written; nothing of it is left.
+pub fn replace(path: &Path, bytes: impl AsRef<[u8]>) -> std::io::Result<()> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    std::fs::write(&partial, bytes)
+        .and_then(|()| std::fs::rename(&partial, path))
+        .inspect_err(|_| {
+            let _ = std::fs::remove_file(&partial);
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_written_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        replace(&path, "old").unwrap();
+        replace(&path, "new").unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
+        let in_the_way = folder.path().join("b.json");
+        std::fs::create_dir(&in_the_way).unwrap();
+        assert!(replace(&in_the_way, "text").is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ft_identify::export::{self, export};
-use ft_identify::output::refuse_existing;
+use ft_identify::output::{refuse_existing, replace};
 use ft_identify::screw::JointKind;
 use ft_identify::simulate::{
     Opening, Release, demand, page, refuse_outside, release, said, shortest,
@@ -358,7 +358,7 @@ fn read(path: &Path) -> Result<Twin, UseError> {
 fn write(path: &Path, text: &str) -> Result<(), UseError> {
     let put = || {
         path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-        std::fs::write(path, text)
+        replace(path, text)
     };
     put().map_err(|source| UseError::Write {
         path: path.to_owned(),
