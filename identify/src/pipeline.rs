@@ -58,8 +58,9 @@ const MIN_CONTACT_N: f64 = 0.3;
 const MOST_OFF_HELD_PATH_M: f64 = 0.02;
 /// Share of the held time at the end of the sensor's range that a fit survives.
 const MOST_SATURATED: f64 = 0.002;
-/// A tracker wanders by some mm; a tool that also moved freely is farther from any joint's path.
-const MOST_OFF_PATH_M: f64 = 0.01;
+/// Most that positions may be off a joint's path, m, root mean square: a tracker wanders by some mm; a tool that also moved freely is
+/// farther from any joint's path.
+pub const MOST_OFF_PATH_M: f64 = 0.01;
 const KINEMATIC_RATE_HZ: f64 = 50.0;
 
 /// How the note begins of a recording of which only a part could be used.

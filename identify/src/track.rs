@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Quaternion, UnitQuaternion};
 
 use crate::joint_graph::{RefinedJoint, refine};
+use crate::pipeline::MOST_OFF_PATH_M;
 use crate::samples::{extrema, opening_sign};
 use crate::screw::{Candidates, JointKind, PoseSamples, SelectError, select};
 
@@ -75,6 +76,14 @@ pub struct TrackJoint {
     pub q_range: [f64; 2],
 }
 
+impl TrackJoint {
+    /// Whether the motion is that of one joint: some best fit there always is.
+    #[must_use]
+    pub fn is_one_joint(&self) -> bool {
+        self.joint.position_rms <= MOST_OFF_PATH_M
+    }
+}
+
 /// Finds the joint in the track of a file.
 ///
 /// # Errors
@@ -126,12 +135,10 @@ pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
         ..PoseSamples::default()
     };
     let mut order: Option<Vec<usize>> = None;
-    for (number, line) in text.lines().enumerate() {
-        let cells: Vec<&str> = line
-            .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
-            .filter(|cell| !cell.is_empty())
-            .collect();
-        if cells.is_empty() || line.trim_start().starts_with('#') {
+    let mut separator = None;
+    for (number, whole) in text.lines().enumerate() {
+        let cells = cells_of(whole, separator);
+        if whole.trim().is_empty() || whole.trim_start().starts_with('#') {
             continue;
         }
         let line = number + 1;
@@ -139,6 +146,9 @@ pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
             && out.positions.is_empty()
             && cells.iter().all(|cell| cell.parse::<f64>().is_err());
         if header {
+            // Names may have blanks, and cells of other columns may be empty.
+            separator = ['\t', ';', ','].into_iter().find(|c| whole.contains(*c));
+            let cells = cells_of(whole, separator);
             order = Some(by_header(&cells).ok_or_else(|| TrackError::MissingColumns {
                 path: path.to_owned(),
                 there: cells.iter().map(|cell| (*cell).to_owned()).collect(),
@@ -193,6 +203,17 @@ pub fn read_track(path: &Path) -> Result<PoseSamples, TrackError> {
     Ok(out)
 }
 
+/// The cells of a line; without a separator between blanks, commas and semicolons.
+fn cells_of(line: &str, separator: Option<char>) -> Vec<&str> {
+    match separator {
+        Some(separator) => line.split(separator).map(str::trim).collect(),
+        None => line
+            .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
+            .filter(|cell| !cell.is_empty())
+            .collect(),
+    }
+}
+
 /// Indices of x y z and, when all are there, qx qy qz qw.
 fn by_header(names: &[&str]) -> Option<Vec<usize>> {
     let clean: Vec<String> = names
@@ -205,7 +226,7 @@ fn by_header(names: &[&str]) -> Option<Vec<usize>> {
                 name == w
                     || name
                         .strip_prefix(w)
-                        .is_some_and(|r| r.starts_with(['_', '[']))
+                        .is_some_and(|r| r.trim_start().starts_with(['_', '[']))
             })
         })
     };
@@ -267,7 +288,12 @@ mod tests {
             .iter()
             .map(|[x, y, z]| format!("0,{z},{x},{y}\n"))
             .collect();
+        let tabs: String = arc(0.4)
+            .iter()
+            .map(|[x, y, z]| format!("0\t\t{x}\t{y}\t{z}\n"))
+            .collect();
         for text in [
+            format!("Time [s]\tnote\tx [m]\ty [m]\tz [m]\n{tabs}"),
             format!("# a comment\n{blanks}"),
             format!("t,z,x,y\n{commas}"),
         ] {

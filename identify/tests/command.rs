@@ -303,6 +303,48 @@ fn a_track_prints_kind_and_size() {
     assert!(out.join("joint.json").exists());
 }
 
+#[test]
+fn tracks_that_fail_or_are_not_one_joint_are_named_and_stop_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let written = |name: &str, line: &dyn Fn(f64) -> [f64; 3]| {
+        let path = directory.path().join(name);
+        let lines = (0..200).map(|i| {
+            let [x, y, z] = line(0.01 * f64::from(i));
+            format!("{x} {y} {z}\n")
+        });
+        std::fs::write(&path, lines.collect::<String>()).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let noise = |a: f64| 1e-3 * (a * 91.0).sin();
+    let hinge = written("hinge.log", &|a| [0.5 * a.cos(), 0.5 * a.sin(), noise(a)]);
+    let knot = written("knot.log", &|a| {
+        [(3.0 * a).sin(), (4.1 * a).sin(), (5.3 * a).cos()]
+    });
+    let bad = directory.path().join("bad.log");
+    std::fs::write(&bad, "1 2\n").unwrap();
+    let bad = bad.to_str().unwrap();
+    let out = directory.path().join("out");
+    let output = ["-o", out.to_str().unwrap(), "--force"];
+    for (tracks, code) in [
+        (&[bad, &hinge, &knot][..], 1),
+        (&[&knot, bad, &hinge], 1),
+        (&[&knot, &hinge], 3),
+        (&[&hinge], 0),
+    ] {
+        let done = run(&[&["track"], tracks, &output].concat());
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(code), "{said}");
+        assert_eq!(said.contains("bad.log: line 1"), code == 1, "{said}");
+        let doubt = text(&done.stdout).contains("not one joint: the best one is");
+        assert_eq!(doubt, tracks.contains(&knot.as_str()));
+        let found: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(out.join("joint.json")).unwrap()).unwrap();
+        for entry in found.as_array().unwrap() {
+            assert_eq!(entry["one_joint"], entry["file"] == "hinge.log");
+        }
+    }
+}
+
 /// The directory with the twin of the slide.
 fn identified_slide(directory: &std::path::Path) -> std::path::PathBuf {
     let (file, out) = (table(directory, slide()), directory.join("out"));

@@ -14,9 +14,11 @@ use ft_identify::analysis::analyse_confirmed;
 use ft_identify::batch::{self, BatchOptions};
 use ft_identify::error::IdentifyError;
 use ft_identify::motion::MotionSettings;
-use ft_identify::output::{FILES, refuse_existing, write_to};
+use ft_identify::output::{FILES, refuse_existing, replace, write_to};
 use ft_identify::paper::PaperSettings;
-use ft_identify::pipeline::{DAMAGED, Identified, Stage, identified_table, identify_confirmed};
+use ft_identify::pipeline::{
+    DAMAGED, Identified, MOST_OFF_PATH_M, Stage, identified_table, identify_confirmed,
+};
 use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
 use ft_identify::table::{Recipe, TableColumns, doubts, identify_published, read_table};
@@ -164,7 +166,10 @@ struct TableArguments {
 #[command(after_help = "\
 Examples:
   ft-identify track poses.log
-  ft-identify track doors/*.log --json -o joints")]
+  ft-identify track doors/*.log --json -o joints
+
+A motion that is not that of one joint, with positions more than 10 mm root mean square off the best one, is said to be so
+(`one_joint` in joint.json), with exit code 3. A track that fails is named and stops nothing; the exit code is 1 then.")]
 struct TrackArguments {
     /// Tracks; text with x y z or x y z qx qy qz qw per line, or CSV with a header
     #[arg(required = true)]
@@ -185,6 +190,7 @@ enum Outcome {
     Fine,
     /// Some of several inputs, each named.
     Failed,
+    /// Also: a track is not one joint.
     DataLost,
 }
 
@@ -385,6 +391,7 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
         refuse_existing(directory, &["joint.json"], arguments.force)?;
     }
     let mut found = Vec::new();
+    let mut outcome = Outcome::Fine;
     if !arguments.json {
         println!(
             "{:<28} {:<10} {:>9} {:>6} {:>8}  axis",
@@ -392,7 +399,18 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
         );
     }
     for path in &arguments.tracks {
-        let joint = identify_track(path)?;
+        let joint = match identify_track(path) {
+            Ok(joint) => joint,
+            Err(error) => {
+                eprintln!("ft-identify: {error}");
+                outcome = Outcome::Failed;
+                continue;
+            }
+        };
+        let one_joint = joint.is_one_joint();
+        if !one_joint && !matches!(outcome, Outcome::Failed) {
+            outcome = Outcome::DataLost;
+        }
         let name = path
             .file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
@@ -405,25 +423,24 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
             &joint.candidates,
             joint.q_range,
         );
-        found.push(serde_json::json!({ "file": name, "joint": described }));
+        found.push(serde_json::json!({ "file": name, "one_joint": one_joint, "joint": described }));
     }
+    let none = found.is_empty();
     let text = format!("{:#}", serde_json::Value::Array(found));
     if arguments.json {
         println!("{text}");
     }
-    if let Some(directory) = &arguments.output {
+    if let Some(directory) = arguments.output.as_ref().filter(|_| !none) {
         let path = directory.join("joint.json");
-        let write = || {
-            std::fs::create_dir_all(directory)?;
-            std::fs::write(&path, &text)
-        };
-        write().map_err(|source| IdentifyError::Write {
-            path: path.clone(),
-            source,
-        })?;
+        std::fs::create_dir_all(directory)
+            .and_then(|()| replace(&path, &text))
+            .map_err(|source| IdentifyError::Write {
+                path: path.clone(),
+                source,
+            })?;
         eprintln!("wrote {}", path.display());
     }
-    Ok(Outcome::Fine)
+    Ok(outcome)
 }
 
 fn track_line(name: &str, found: &TrackJoint) -> String {
@@ -432,6 +449,14 @@ fn track_line(name: &str, found: &TrackJoint) -> String {
     let spread = found
         .radius
         .map_or_else(String::new, |_| format!("{:.3}", found.joint.radius_std));
+    if !found.is_one_joint() {
+        return format!(
+            "{name:<28} not one joint: the best one is {}, positions are {:.1} mm root mean square off it (at most {:.0} mm)",
+            found.candidates.kind.name(),
+            1e3 * found.joint.position_rms,
+            1e3 * MOST_OFF_PATH_M
+        );
+    }
     let d = found.joint.axis.direction;
     format!(
         "{name:<28} {:<10} {what} {size:7.3} {spread:>6} {:8.2}  [{:.3} {:.3} {:.3}]",
