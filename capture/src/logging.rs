@@ -26,6 +26,8 @@ pub fn to_stderr(level: Level) {
     };
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
+        // It would be said on a terminal that was closed, and panic, while the file is still to be finished.
+        .log_internal_errors(false)
         .with_ansi(std::io::stderr().is_terminal());
     tracing_subscriber::registry()
         .with(lines.with_filter(once))

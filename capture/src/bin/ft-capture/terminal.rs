@@ -10,15 +10,16 @@ use ft_capture::session::live::Surroundings;
 use ft_wire::HostTime;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Prints an error and what caused it, on one line each.
+/// Prints an error and what caused it, on one line each. A terminal that was closed takes none.
 pub(crate) fn print_error(error: &dyn std::error::Error) {
     let mut said = error.to_string();
-    eprintln!("ft-capture: {said}");
+    let mut out = std::io::stderr();
+    let _ = writeln!(out, "ft-capture: {said}");
     let mut cause = error.source();
     while let Some(inner) = cause {
         let text = inner.to_string();
         if !said.contains(&text) {
-            eprintln!("  because: {text}");
+            let _ = writeln!(out, "  because: {text}");
             said = text;
         }
         cause = inner.source();
