@@ -253,7 +253,13 @@ impl SealedDraw {
         for (name, text) in files {
             let path = folder.join(name);
             std::fs::File::create_new(&path)
-                .and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes()))
+                .and_then(|mut file| {
+                    let written = std::io::Write::write_all(&mut file, text.as_bytes());
+                    // A full disk leaves no half of one.
+                    written.inspect_err(|_| {
+                        let _ = std::fs::remove_file(&path);
+                    })
+                })
                 .map_err(|source| refused(&path, source))?;
         }
         Ok(())

@@ -195,3 +195,10 @@ fn the_command_writes_files_that_load_and_never_overwrites() {
         Some(2)
     );
 }
+
+#[test]
+fn no_draws_are_a_wrong_argument() {
+    let folder = tempfile::tempdir().unwrap();
+    let done = sealed(folder.path(), &["--seed", "1", "--count", "0"]);
+    assert_eq!(done.status.code(), Some(2));
+}

@@ -83,7 +83,7 @@ struct Sealed {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Draws of this and the next seeds, in folders 0001, 0002, ...
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Takes the objects' closers, catches and counterbalances away.
     #[arg(long)]
@@ -291,7 +291,10 @@ fn write_truth(path: &std::path::Path, server: &Server) -> Result<(), (u8, Strin
     let text = serde_json::to_string_pretty(&server.truth()).map_err(|error| failed(&error))?;
     let refused = |error: std::io::Error| (1, format!("cannot write {}: {error}", path.display()));
     let mut file = std::fs::File::create_new(path).map_err(refused)?;
-    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(refused)
+    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(|error| {
+        let _ = std::fs::remove_file(path);
+        refused(error)
+    })
 }
 
 fn print_ports(scenario: &Scenario, server: &Server) {
