@@ -84,6 +84,12 @@ pub fn retime(file: &Path, out: &Path, overwrite: bool) -> Result<Retimed, Sessi
         let stamps = recorded.remove(*name).unwrap_or_default();
         topics.insert((*name).to_owned(), moves.fit(&stamps));
     }
+    // What is left comes with another topic, or has no device's clock.
+    for (name, stamps) in recorded {
+        if let Some(moves) = moves.get(device_topic(&name)) {
+            topics.insert(name, moves.moved(&stamps));
+        }
+    }
     let mut rewrite = Rewrite::new();
     let entries = BTreeMap::from([(
         "json".to_owned(),
@@ -116,7 +122,7 @@ fn device_topic(topic: &str) -> &str {
     }
 }
 
-/// (Arrival, stamp) of all messages, by the topic of the device that stamps them.
+/// (Arrival, stamp) of all messages, by topic.
 fn recorded(file: &Path) -> Result<BTreeMap<String, Vec<(HostTime, HostTime)>>, SessionError> {
     let mut reader = RecordReader::open(file)?;
     let mut topics = BTreeMap::new();
@@ -125,7 +131,7 @@ fn recorded(file: &Path) -> Result<BTreeMap<String, Vec<(HostTime, HostTime)>>, 
     while let Some(record) = reader.next_record()? {
         match record {
             Record::Channel(channel) => {
-                topics.insert(channel.id, device_topic(&channel.topic).to_owned());
+                topics.insert(channel.id, channel.topic);
             }
             Record::Message(message) => {
                 // Ours are published when they are stamped.
@@ -252,6 +258,11 @@ impl Moves {
             let middle = apart.len() / 2;
             self.aligned_ns = *apart.select_nth_unstable(middle).1;
         }
+        self.moved(recorded)
+    }
+
+    /// What becomes of recorded (arrival, stamp).
+    fn moved(&self, recorded: &[(HostTime, HostTime)]) -> Moved {
         let moves: Vec<_> = recorded
             .iter()
             .filter_map(|(arrival, stamp)| self.at(*stamp, *arrival))
