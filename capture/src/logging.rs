@@ -17,6 +17,9 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 /// How long a line of Zenoh's stays said.
 const QUIET: Duration = Duration::from_secs(60);
 
+/// Tells as errors of data that still come for what was just undeclared, as at every end. What fails there is also returned to us.
+const SESSION: &str = "zenoh::api::session";
+
 /// Sends what is at least as bad as `level` to standard error.
 pub fn to_stderr(level: Level) {
     let once = OncePerMinute {
@@ -43,7 +46,7 @@ struct OncePerMinute {
 
 impl<S> Filter<S> for OncePerMinute {
     fn enabled(&self, metadata: &Metadata<'_>, _: &Context<'_, S>) -> bool {
-        *metadata.level() <= self.level
+        *metadata.level() <= self.level && metadata.target() != SESSION
     }
 
     fn event_enabled(&self, event: &Event<'_>, _: &Context<'_, S>) -> bool {
