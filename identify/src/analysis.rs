@@ -12,8 +12,9 @@ use crate::diagnose::{
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
 };
+use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
-use crate::effect::{Effect, RigidBody};
+use crate::effect::{Effect, RigidBody, ZeroDrift};
 use crate::lag::{Lag, USUAL_S};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -346,7 +347,13 @@ fn with_mechanism(
     // Side by side only while that is no question of memory: of an hour each takes some hundred megabytes.
     let at_once = if motion.q.len() < MANY { usize::MAX } else { 1 };
     let fits = in_parallel_on(at_once, &used, |used| {
-        beside_mechanism(motion, &found, used, EXPLAINED_BELOW * floor)
+        beside_mechanism(
+            motion,
+            diagnosis.is_table,
+            &found,
+            used,
+            EXPLAINED_BELOW * floor,
+        )
     });
     let mut fits = fits.into_iter();
     let Some(all) = fits.next() else {
@@ -381,9 +388,11 @@ const LEFT_BELOW: f64 = 0.97;
 /// Samples at the work rate, 20 min of them, from which on memory counts for more than time.
 const MANY: usize = 120_000;
 
-/// I, mu, b, those of `found` that are `used`, and the mechanism; the parameters of the others are zero.
+/// I, mu, b, those of `found` that are `used`, and the mechanism, beside what a force sensor usually drifts; the parameters of the
+/// others are zero.
 fn beside_mechanism(
     motion: &Motion,
+    is_table: bool,
     found: &[Found],
     used: &[bool],
     whole_below: f64,
@@ -391,6 +400,10 @@ fn beside_mechanism(
     let some = found.iter().zip(used).filter(|(_, used)| **used);
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(some.map(|(found, _)| found as &dyn Effect));
+    let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
+    if !is_table && !found.iter().any(is_named) {
+        effects.push(&ZeroDrift);
+    }
     let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
     let mut fitted = model.theta.iter().copied();
     let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();

@@ -8,6 +8,7 @@
 mod attenuation;
 mod design;
 mod joint;
+mod left_out;
 mod structure;
 mod turns;
 mod valved;
@@ -171,7 +172,7 @@ fn fit_full(
     let least = |held_out_rms: f64| DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
     let behind_valves = |design: &Design, smoothing: &[f64; 2]| {
         let mut surfaces = mechanism.clone();
-        surfaces.set(&design.solve(smoothing).0.as_slice()[design.params..]);
+        surfaces.set(&design.solve(smoothing).as_slice()[design.params..]);
         Valved::fit(&parametric, motion, &surfaces)
     };
     // Valves that foretell far better than surfaces of some smoothings are taken without a search for the best one.
@@ -205,18 +206,13 @@ fn fit_full(
         (mechanism, smoothing, held_out_rms) =
             (valved.mechanism, valved.smoothing, valved.held_out_rms);
     }
-    let (solution, mut covariance) = design.solve(&smoothing);
+    let solution = design.solve(&smoothing);
     let params = design.params;
     let (mut theta, mut predicted) = exact.unwrap_or_else(|| {
         mechanism.set(&solution.as_slice()[params..]);
         (solution.rows(0, params).into_owned(), &design.y * &solution)
     });
-    // What the fit leaves on strokes that it has not seen, over what it leaves on those it has: the part of the model's own
-    // error that the residual does not show.
-    let seen = rms((&parametric.tau - &predicted).as_slice());
-    covariance *= (held_out_rms / seen.max(f64::MIN_POSITIVE))
-        .powi(2)
-        .max(1.0);
+    let mut covariance = design.covariance(&solution, &smoothing);
     covariance += turns::covariance(motion, &design, &smoothing, &theta)?;
     let taken = attenuation::taken(motion, &design, &smoothing, &theta)?;
     if let Taken::Some(given) = &taken {
@@ -379,7 +375,7 @@ fn lag_with_mechanism(
     let mechanism = SplineMechanism::over(motion);
     let design = Design::new(motion, effects, Some(&mechanism))?;
     let (smoothing, _) = design.choose_smoothing(&design.fold_normals());
-    let (solution, _) = design.solve(&smoothing);
+    let solution = design.solve(&smoothing);
     let (y, h) = design.free_part(&solution, &smoothing);
     Ok(lag::scan(motion, &y, &h)?)
 }

@@ -11,6 +11,7 @@ pub mod slip;
 
 use crate::least_squares::Bound;
 use crate::motion::{Motion, MotionError};
+use crate::samples::extrema;
 
 /// One regressor of a model that is linear in its parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,28 +95,47 @@ impl Effect for RigidBody {
     }
 }
 
-/// A load that does not depend on the motion: `tau = load`.
+/// The zero of the force sensor that goes away while it measures: straight pieces of two minutes or an eighth of the recording, which
+/// start from zero. Wherever the joint is, the sensor lies in the same way to its path, so that this is a load over time.
 ///
-/// One alias class with a bias of the sensor and with Coulomb friction that differs between the directions.
+/// No effect of the library: it is there to be fitted beside others, so that what a sensor usually drifts is not taken for friction
+/// where few strokes are slow.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ConstantLoad;
+pub struct ZeroDrift;
 
-impl Effect for ConstantLoad {
+impl ZeroDrift {
+    const PIECE_S: f64 = 120.0;
+    const MOST: f64 = 8.0;
+}
+
+impl Effect for ZeroDrift {
     fn name(&self) -> &'static str {
-        "constant_load"
+        "zero_drift"
     }
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
-        let values = motion.regressor(&vec![1.0; motion.q.len()])?;
-        Ok(vec![Column {
-            name: "load",
-            unit: motion.kind.effort_unit().to_owned(),
-            bound: Bound::Free,
-            values,
-        }])
+        let column = |series: Vec<f64>| {
+            Ok(Column {
+                name: "zero_drift",
+                unit: motion.kind.effort_unit().to_owned(),
+                bound: Bound::Free,
+                values: motion.regressor(&motion.sliding(&series))?,
+            })
+        };
+        self.series(motion)?.into_iter().map(column).collect()
     }
 
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
-        Ok(vec![vec![1.0; motion.q.len()]])
+        let (start, end) = extrema(&motion.time);
+        let pieces = ((end - start) / Self::PIECE_S)
+            .ceil()
+            .clamp(1.0, Self::MOST);
+        let long = (end - start) / pieces;
+        let piece = |k: usize| {
+            let from = start + k as f64 * long;
+            let time = motion.time.iter();
+            time.map(|t| ((t - from) / long).clamp(0.0, 1.0)).collect()
+        };
+        Ok((0..pieces as usize).map(piece).collect())
     }
 }

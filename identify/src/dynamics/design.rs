@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::DynamicsError;
+use super::left_out::{self, LeftOut};
 use crate::effect::{Column, Effect};
 use crate::least_squares::{
     Bound, FitError, Quadratic, bounded_quadratic, covariance_of_free, effective_count,
@@ -291,34 +292,29 @@ impl Design {
         self.held_out_of(&self.fold_normals(), smoothing, None)
     }
 
-    /// Parameters with one smoothing, and the covariance of the parametric ones, inflated for correlated residuals.
-    pub(super) fn solve(&self, smoothing: &[f64; 2]) -> (DVector<f64>, DMatrix<f64>) {
+    /// Parameters with one smoothing.
+    pub(super) fn solve(&self, smoothing: &[f64; 2]) -> DVector<f64> {
         let h = self.penalized(&self.gram, smoothing, 1.0);
-        let solution = self.minimum(&h, &self.right, 1.0, None);
-        let residual = &self.tau - &self.y * &solution;
-        let samples = self.tau.len() as f64;
-        let inverse = self.scaled_inverse(&h, &solution);
-        let effective = effective_count(residual.as_slice());
-        let variance =
-            residual.norm_squared() / samples * samples / (effective - self.params as f64).max(1.0);
-        let mut covariance = DMatrix::from_fn(self.params, self.params, |i, j| {
-            inverse[(i, j)] / (self.scale[i] * self.scale[j]) * variance
-        });
-        let wider = self.block_ratio(&inverse, &residual, &covariance);
-        for i in 0..self.params {
-            for j in 0..self.params {
-                covariance[(i, j)] *= wider[i] * wider[j];
-            }
-        }
-        (solution, covariance)
+        self.minimum(&h, &self.right, 1.0, None)
     }
 
-    /// The inverse of the scaled normal matrix, zero where a coefficient of the mechanism is at its bound.
-    fn scaled_inverse(&self, h: &DMatrix<f64>, solution: &DVector<f64>) -> DMatrix<f64> {
-        let at_bound: Vec<bool> = (0..solution.len())
-            .map(|j| j >= self.params && self.bounds[j] == Bound::NonNegative && solution[j] == 0.0)
+    /// Covariance of the parametric ones of `solution`, by what each stretch of the recording moves them; what is at a bound stays there.
+    pub(super) fn covariance(&self, solution: &DVector<f64>, smoothing: &[f64; 2]) -> DMatrix<f64> {
+        let free: Vec<usize> = (0..solution.len())
+            .filter(|&j| j < self.params || self.bounds[j] == Bound::Free || solution[j] != 0.0)
             .collect();
-        covariance_of_free(&self.scaled(h), &at_bound)
+        let h = self.scaled(&self.penalized(&self.gram, smoothing, 1.0));
+        let h = h.select_rows(&free).select_columns(&free);
+        let residual = &self.tau - &self.y * solution;
+        let mut left_out = LeftOut::new(&h, self.params);
+        for block in left_out::blocks(residual.len()) {
+            let mut rows = self.y.rows_range(block.clone()).select_columns(&free);
+            for (&j, mut column) in free.iter().zip(rows.column_iter_mut()) {
+                column /= self.scale[j];
+            }
+            left_out.add(&rows, &residual.rows_range(block).into_owned());
+        }
+        self.unscaled(&left_out.covariance())
     }
 
     /// The inverse of the normal matrix with one smoothing, zero where a coefficient is at its bound.
@@ -335,42 +331,6 @@ impl Design {
         DMatrix::from_fn(inverse.nrows(), inverse.ncols(), |i, j| {
             inverse[(i, j)] / (self.scale[i] * self.scale[j])
         })
-    }
-
-    /// Scatter of what blocks of about a second ask for over `covariance`, per parameter, where it is more. It sees residuals that are
-    /// large, or that stay on one side, just where a regressor is, which their autocorrelation alone does not tell. Less scatter says
-    /// nothing: what wanders for longer than a block does not show within it.
-    fn block_ratio(
-        &self,
-        inverse: &DMatrix<f64>,
-        residual: &DVector<f64>,
-        covariance: &DMatrix<f64>,
-    ) -> Vec<f64> {
-        const BLOCK: usize = 24;
-        let rows = DMatrix::from_fn(self.params, self.y.ncols(), |i, j| {
-            inverse[(i, j)] / (self.scale[i] * self.scale[j])
-        });
-        let mut squares = vec![0.0; self.params];
-        let samples = residual.len();
-        let blocks = samples.div_ceil(BLOCK);
-        for start in (0..samples).step_by(BLOCK) {
-            let count = BLOCK.min(samples - start);
-            let asked = self
-                .y
-                .rows(start, count)
-                .tr_mul(&residual.rows(start, count));
-            for (square, step) in squares.iter_mut().zip((&rows * asked).iter()) {
-                *square += step * step;
-            }
-        }
-        let few = blocks as f64 / (blocks as f64 - self.params as f64).max(1.0);
-        (0..self.params)
-            .map(|i| {
-                (squares[i] * few / covariance[(i, i)].max(1e-300))
-                    .sqrt()
-                    .max(1.0)
-            })
-            .collect()
     }
 
     /// Sum of squared residuals with one smoothing and with all the damping that fits, asked for or not.

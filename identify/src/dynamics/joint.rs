@@ -16,7 +16,10 @@
 
 mod arrow;
 mod colour;
+mod covariance;
 mod curve;
+
+use core::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -24,7 +27,7 @@ use super::Term;
 use super::design::{Design, scaled};
 use crate::effect::Effect;
 use crate::filter::{LowPass, second_derivative};
-use crate::least_squares::{Bound, bounded_quadratic, covariance_of_free, rms};
+use crate::least_squares::{Bound, bounded_quadratic, rms};
 use crate::mechanism::{Mechanism, SplineMechanism};
 use crate::motion::{Motion, MotionError, by_run};
 use crate::parallel::in_parallel_on;
@@ -139,6 +142,8 @@ struct Problem<'a> {
     bounds: Vec<Bound>,
     penalty: DMatrix<f64>,
     curve: Curve,
+    colour: Colour,
+    /// The equations of the curve by the measured coordinate alone, whitened.
     position: Arrow,
     /// Samples whose effort counts, and which of the fit's samples each is near.
     used: Vec<(usize, usize)>,
@@ -189,7 +194,7 @@ impl<'a> Problem<'a> {
             .select_rows(&chosen)
             .select_columns(&chosen)
             * (used.len() as f64 / motion.kept.len().max(1) as f64);
-        let position = position_rows(motion, &curve, &colour);
+        let position = position_equations(motion, &curve, &colour);
         let taken_off = tool_acceleration(motion)?;
         (colour.new_std > 0.0 && used.len() > 2 * start.len()).then_some(Self {
             motion,
@@ -200,6 +205,7 @@ impl<'a> Problem<'a> {
             bounds,
             penalty,
             curve,
+            colour,
             position,
             used,
             sensor: upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE),
@@ -246,16 +252,10 @@ impl<'a> Problem<'a> {
         let at_bound: Vec<bool> = (0..theta.len())
             .map(|j| self.bounds[j] == Bound::NonNegative && theta[j] == 0.0)
             .collect();
-        let scale = scale_of(eliminated.corner());
-        let certain = covariance_of_free(&scaled(eliminated.corner(), &scale), &at_bound);
-        let Some((held_out_rms, scatter)) = self.held_out((&place, &slopes), &eliminated, noise)?
-        else {
+        let Some(held_out_rms) = self.held_out((&place, &slopes), &eliminated, noise)? else {
             return Ok(None);
         };
-        drop(eliminated);
-        let scale = scale.rows(0, self.linear);
-        let certain = certain.view((0, 0), (self.linear, self.linear));
-        let covariance = certain.component_div(&(scale * scale.transpose())) + scatter;
+        let covariance = self.covariance((&place, &slopes), eliminated, noise, &at_bound);
         let residual = self.filtered_residual(&place)?;
         let viscous = theta[VISCOUS] + place.mechanism.clone().take_common_damping();
         let kind = self.motion.kind;
@@ -387,17 +387,36 @@ impl<'a> Problem<'a> {
 
     /// The effort's equations near a place with unit noise, of those samples that are near wanted ones of the fit.
     fn effort(&self, place: &Place, slopes: &[[f64; 3]], wanted: impl Fn(usize) -> bool) -> Arrow {
+        let mut out = self.position.with_params(place.theta.len());
+        let used = self.used.iter().filter(|(_, near)| wanted(*near));
+        self.effort_rows(
+            used.map(|(i, _)| *i),
+            &self.curve.at_samples(),
+            (place, slopes),
+            |first, curve, params, right| out.add(first, curve, params, right),
+        );
+        out.corner += &self.penalty;
+        out
+    }
+
+    /// Calls `row` with the equation of the effort at each of `samples`: the first coefficient of the curve and what the equation has of
+    /// it and those after it, what it has of the parameters, and its right side.
+    fn effort_rows(
+        &self,
+        samples: impl Iterator<Item = usize>,
+        places: &[(usize, &Weights)],
+        (place, slopes): (&Place, &[[f64; 3]]),
+        mut row: impl FnMut(usize, &[f64], &[(usize, f64)], f64),
+    ) {
         let Place {
             motion,
             theta,
             mechanism,
             series,
         } = place;
-        let at_samples = self.curve.at_samples();
-        let mut out = self.position.with_params(theta.len());
         let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
-        for &(i, _) in self.used.iter().filter(|(_, near)| wanted(*near)) {
-            let (first, weights) = at_samples[i];
+        for i in samples {
+            let (first, weights) = places[i];
             let (q, dq, ddq) = (motion.q[i], motion.dq[i], motion.ddq[i]);
             params.clear();
             params.extend(series.iter().enumerate().map(|(j, s)| (j, s[i])));
@@ -414,10 +433,8 @@ impl<'a> Problem<'a> {
                 core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
             let fixed = mechanism.effort(q, dq) - linear;
             let right = motion.tau[i] - fixed + by[0] * q + by[1] * dq + by[2] * ddq;
-            out.add(first, &curve, &params, right);
+            row(first, &curve, &params, right);
         }
-        out.corner += &self.penalty;
-        out
     }
 
     fn whole(&self, effort: Arrow, noise: f64) -> Option<Eliminated> {
@@ -479,15 +496,14 @@ impl<'a> Problem<'a> {
         motion.regressor(&left)
     }
 
-    /// Error on strokes that the parameters were not fitted to, the motion being that of `all` strokes; and how far the parameters
-    /// move with what is left out, as a covariance: it knows of slow errors of the model, which the noise alone does not. Nothing
-    /// when less than two parts could be left out.
+    /// Error on strokes that the parameters were not fitted to, the motion being that of `all` strokes. Nothing when less than two
+    /// parts could be left out.
     fn held_out(
         &self,
         (place, slopes): (&Place, &[[f64; 3]]),
         all: &Eliminated,
         noise: f64,
-    ) -> Result<Option<(f64, DMatrix<f64>)>, MotionError> {
+    ) -> Result<Option<f64>, MotionError> {
         let (fold_of, folds) = self.motion.folds();
         let scored = self.motion.covered();
         let without = |fold: usize| -> Result<_, MotionError> {
@@ -498,16 +514,13 @@ impl<'a> Problem<'a> {
             let theta = self.minimum(&rest);
             drop(rest);
             let there = self.place(&all.coefficients(&theta), &theta)?;
-            let residual = self.filtered_residual(&there)?;
-            let mut named = theta.rows(0, self.linear).into_owned();
-            named[VISCOUS] += there.mechanism.clone().take_common_damping();
-            Ok(Some((residual, named)))
+            self.filtered_residual(&there).map(Some)
         };
         let each: Vec<usize> = (0..folds).collect();
         let fits = in_parallel_on(AT_ONCE, &each, |fold| without(*fold));
-        let (mut square, mut samples, mut left_out) = (0.0, 0, Vec::new());
+        let (mut square, mut samples, mut left_out) = (0.0, 0, 0);
         for (fold, fit) in fits.into_iter().enumerate() {
-            let Some((residual, theta)) = fit? else {
+            let Some(residual) = fit? else {
                 continue;
             };
             for (k, residual) in residual.iter().enumerate() {
@@ -516,70 +529,29 @@ impl<'a> Problem<'a> {
                     samples += 1;
                 }
             }
-            left_out.push(theta);
+            left_out += 1;
         }
         let rms = (square / f64::from(samples.max(1))).sqrt();
-        Ok((left_out.len() > 1).then(|| (rms, jackknife(&left_out, self.linear))))
+        Ok((left_out > 1).then_some(rms))
     }
-}
-
-/// Covariance of parameters by their values without one part of the data each, so that 1.96 standard deviations hold as much as
-/// Student's distribution does for so few parts.
-///
-/// # Source
-/// Efron, *The jackknife, the bootstrap and other resampling plans*, 1982, chapter 3.
-fn jackknife(left_out: &[DVector<f64>], params: usize) -> DMatrix<f64> {
-    let parts = left_out.len() as f64;
-    let mut out = DMatrix::zeros(params, params);
-    let mean = left_out.iter().sum::<DVector<f64>>() / parts.max(1.0);
-    for theta in left_out {
-        let away = theta - &mean;
-        out += &away * away.transpose();
-    }
-    out * ((parts - 1.0) / parts.max(1.0) * student_over_normal(parts - 1.0).powi(2))
-}
-
-/// 95 % interval of Student's distribution over the normal one's: Abramowitz and Stegun, 26.7.5.
-fn student_over_normal(freedom: f64) -> f64 {
-    const NORMAL: f64 = 1.96;
-    let (n, z) = (freedom.max(1.0), NORMAL * NORMAL);
-    let terms = [
-        (z + 1.0) / 4.0,
-        ((5.0 * z + 16.0) * z + 3.0) / 96.0,
-        (((3.0 * z + 19.0) * z + 17.0) * z - 15.0) / 384.0,
-    ];
-    1.0 + (terms[0] + (terms[1] + terms[2] / n) / n) / n
 }
 
 /// The equations of the curve by the measured coordinate alone, whitened.
-fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour) -> Arrow {
-    let order = colour.past.len();
-    let width = LOCAL - 1 + order.div_ceil(curve.step());
+fn position_equations(motion: &Motion, curve: &Curve, colour: &Colour) -> Arrow {
+    let width = LOCAL - 1 + colour.past.len().div_ceil(curve.step());
     let mut arrow = Arrow::new(curve.len(), width, 0);
     let places = curve.at_samples();
-    let mut row = vec![0.0; width + 1];
+    position_rows(
+        motion,
+        curve,
+        colour,
+        &places,
+        0..motion.q.len(),
+        |first, row, right| {
+            arrow.add(first, row, &[], right);
+        },
+    );
     for run in curve.runs() {
-        for i in run.clone() {
-            let inside = i - run.start >= order;
-            let past: &[f64] = if inside { &colour.past } else { &[] };
-            // At a run's start the past is not known; a looser tie stands in for it.
-            let weight = if inside { 1.0 } else { 0.2 } / colour.new_std;
-            let first = places[i - past.len()].0;
-            row.fill(0.0);
-            let mut right = 0.0;
-            for (back, share) in core::iter::once(-1.0)
-                .chain(past.iter().copied())
-                .enumerate()
-            {
-                let (from, weights) = places[i - back];
-                for (j, value) in weights[0].iter().enumerate() {
-                    row[from - first + j] -= share * value * weight;
-                }
-                right -= share * motion.q_measured[i - back] * weight;
-            }
-            let last = places[i].0 - first + LOCAL;
-            arrow.add(first, &row[..last], &[], right);
-        }
         // What hardly any sample touches, at a run's end, goes on as smoothly as ten times the motion's own bends allow.
         let bends: Vec<f64> = motion.q[run.clone()]
             .windows(3 * curve.step() + 1)
@@ -594,6 +566,42 @@ fn position_rows(motion: &Motion, curve: &Curve, colour: &Colour) -> Arrow {
         }
     }
     arrow
+}
+
+/// Calls `row` with the equation of each of `samples`' measured coordinates, whitened: the first coefficient of the curve, what the
+/// equation has of it and those after it, and its right side.
+fn position_rows(
+    motion: &Motion,
+    curve: &Curve,
+    colour: &Colour,
+    places: &[(usize, &Weights)],
+    samples: Range<usize>,
+    mut row: impl FnMut(usize, &[f64], f64),
+) {
+    let order = colour.past.len();
+    let mut values = vec![0.0; LOCAL + order.div_ceil(curve.step())];
+    for run in curve.runs() {
+        for i in run.start.max(samples.start)..run.end.min(samples.end) {
+            let inside = i - run.start >= order;
+            let past: &[f64] = if inside { &colour.past } else { &[] };
+            // At a run's start the past is not known; a looser tie stands in for it.
+            let weight = if inside { 1.0 } else { 0.2 } / colour.new_std;
+            let first = places[i - past.len()].0;
+            values.fill(0.0);
+            let mut right = 0.0;
+            for (back, share) in core::iter::once(-1.0)
+                .chain(past.iter().copied())
+                .enumerate()
+            {
+                let (from, weights) = places[i - back];
+                for (j, value) in weights[0].iter().enumerate() {
+                    values[from - first + j] -= share * value * weight;
+                }
+                right -= share * motion.q_measured[i - back] * weight;
+            }
+            row(first, &values[..places[i].0 - first + LOCAL], right);
+        }
+    }
 }
 
 /// The joint's acceleration as [`crate::tool`] took it from the poses.
@@ -666,33 +674,6 @@ fn scale_of(matrix: &DMatrix<f64>) -> DVector<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn parts_left_out_tell_how_far_a_mean_is_certain() {
-        // The mean of n numbers: the jackknife is their variance over n, widened for few of them.
-        let numbers = [1.0, 4.0, 2.0, 7.0, 6.0, 4.0];
-        let n = numbers.len() as f64;
-        let sum: f64 = numbers.iter().sum();
-        let left_out = numbers.map(|number| DVector::from_element(1, (sum - number) / (n - 1.0)));
-        let square: f64 = numbers.iter().map(|v| (v - sum / n).powi(2)).sum();
-        let expected = square / (n - 1.0) / n * student_over_normal(n - 1.0).powi(2);
-        let found = jackknife(&left_out, 1)[(0, 0)];
-        assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
-    }
-
-    #[test]
-    fn students_interval_is_that_of_the_tables() {
-        for (freedom, table) in [
-            (2.0, 4.303),
-            (3.0, 3.182),
-            (5.0, 2.571),
-            (10.0, 2.228),
-            (1e6, 1.96),
-        ] {
-            let found = 1.96 * student_over_normal(freedom);
-            assert!((found / table - 1.0).abs() < 0.035, "{freedom}: {found}");
-        }
-    }
 
     #[test]
     fn a_parameter_at_a_bound_of_its_own_is_not_more_certain() {

@@ -79,6 +79,23 @@ const CLOSER: Object = Object {
 };
 
 #[test]
+fn a_zero_that_drifts_is_not_taken_for_friction() {
+    let mut samples = record(&PLAIN, 40.0, [2e-5, 0.02], 5);
+    let drifting = samples.tau.iter_mut().zip(&samples.time);
+    drifting.for_each(|(tau, t)| *tau += 0.3 * t / 40.0);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let error = |effects: &[&dyn Effect]| {
+        let model = fit_with_mechanism(&motion, effects).unwrap();
+        (model.value("coulomb").unwrap() / PLAIN.coulomb - 1.0).abs()
+    };
+    let (without, with) = (
+        error(&[&RigidBody]),
+        error(&[&RigidBody, &crate::effect::ZeroDrift]),
+    );
+    assert!(with < 2e-3 && 3.0 * with < without, "{with} {without}");
+}
+
+#[test]
 fn a_plain_object_is_recovered_by_the_base_model() {
     for seed in 0..3 {
         let motion = Motion::prepare(

@@ -168,6 +168,32 @@ impl Eliminated {
         self.arrow.square - linear + theta.dot(&(&self.arrow.corner * theta))
     }
 
+    /// What each coefficient changes by per parameter, a column per coefficient, with the sign turned round.
+    pub(super) fn shares(self) -> DMatrix<f64> {
+        let Arrow {
+            width,
+            params,
+            band,
+            mut border,
+            ..
+        } = self.arrow;
+        let stride = width + 1;
+        for i in (0..border.ncols()).rev() {
+            let (before, here) = border.as_mut_slice().split_at_mut(i * params);
+            let here = &mut here[..params];
+            here.iter_mut().for_each(|value| *value /= band[i * stride]);
+            for back in 1..=width.min(i) {
+                let link = band[i * stride + back];
+                let there = &mut before[(i - back) * params..][..params];
+                there
+                    .iter_mut()
+                    .zip(&*here)
+                    .for_each(|(a, b)| *a -= link * b);
+            }
+        }
+        border
+    }
+
     /// The coefficients that go with parameters `theta`.
     pub(super) fn coefficients(&self, theta: &DVector<f64>) -> Vec<f64> {
         let arrow = &self.arrow;
@@ -227,6 +253,14 @@ mod tests {
         let x = eliminated.coefficients(&theta);
         for (a, b) in x.iter().chain(theta.iter()).zip(expected.iter()) {
             assert!((a - b).abs() < 1e-9, "{a} {b}");
+        }
+        let shares = eliminated.clone().shares();
+        for k in 0..params {
+            let mut moved = theta.clone();
+            moved[k] += 1.0;
+            for (i, (moved, before)) in eliminated.coefficients(&moved).iter().zip(&x).enumerate() {
+                assert!((before - moved - shares[(k, i)]).abs() < 1e-9, "{k} {i}");
+            }
         }
         let square = (&right - &dense * &expected).norm_squared();
         assert!((eliminated.square_at(&theta) - square).abs() < 1e-9);

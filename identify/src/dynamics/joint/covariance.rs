@@ -1,0 +1,134 @@
+//! How certain the parameters of the joint fit are: by what each stretch of both series moves them, the curve going with them.
+//!
+//! With the curve's coefficients eliminated a row `l x + a theta = right` says `(a - l G) theta = ...`, G being what each coefficient changes
+//! by per parameter. These rows are left out block by block ([`super::super::left_out`]).
+
+use core::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::left_out::{LeftOut, blocks};
+use super::arrow::Eliminated;
+use super::{Place, Problem, position_rows, scale_of, scaled};
+
+/// What the rows of a stretch leave, and what they have of the parameters beside the curve.
+struct Stretch<'a> {
+    x: &'a [f64],
+    theta: &'a DVector<f64>,
+    /// A column per coefficient of the curve.
+    shares: &'a DMatrix<f64>,
+    /// Parameters that are not at their bound, and what they are counted in.
+    free: &'a [usize],
+    scale: &'a DVector<f64>,
+    /// One after the other, of all parameters.
+    rows: Vec<f64>,
+    residual: Vec<f64>,
+}
+
+impl Stretch<'_> {
+    fn add(
+        &mut self,
+        first: usize,
+        curve: &[f64],
+        params: &[(usize, f64)],
+        right: f64,
+        weight: f64,
+    ) {
+        let start = self.rows.len();
+        self.rows.resize(start + self.theta.len(), 0.0);
+        let row = &mut self.rows[start..];
+        let mut left = right;
+        for (j, value) in (first..).zip(curve) {
+            left -= value * self.x[j];
+            let of_params = self.shares.column(j);
+            row.iter_mut()
+                .zip(of_params.iter())
+                .for_each(|(row, share)| *row -= value * share);
+        }
+        for &(j, value) in params {
+            left -= value * self.theta[j];
+            row[j] += value;
+        }
+        row.iter_mut().for_each(|value| *value *= weight);
+        self.residual.push(weight * left);
+    }
+
+    /// Leaves the stretch out, and begins the next one.
+    fn leave_out(&mut self, of: &mut LeftOut<'_>) {
+        let rows = DMatrix::from_fn(self.residual.len(), self.free.len(), |i, k| {
+            self.rows[i * self.theta.len() + self.free[k]] / self.scale[k]
+        });
+        of.add(&rows, &DVector::from_column_slice(&self.residual));
+        self.rows.clear();
+        self.residual.clear();
+    }
+}
+
+impl Problem<'_> {
+    /// Covariance of the effects' parameters at the minimum of `all`; none of what is at its bound.
+    pub(super) fn covariance(
+        &self,
+        at: (&Place, &[[f64; 3]]),
+        all: Eliminated,
+        noise: f64,
+        at_bound: &[bool],
+    ) -> DMatrix<f64> {
+        let theta = self.minimum(&all);
+        let x = all.coefficients(&theta);
+        let free: Vec<usize> = (0..theta.len()).filter(|j| !at_bound[*j]).collect();
+        let scale = scale_of(all.corner()).select_rows(&free);
+        let corner = all.corner().select_rows(&free).select_columns(&free);
+        let corner = scaled(&corner, &scale);
+        let named = free.iter().take_while(|j| **j < self.linear).count();
+        let mut left_out = LeftOut::new(&corner, named);
+        let mut stretch = Stretch {
+            x: &x,
+            theta: &theta,
+            shares: &all.shares(),
+            free: &free,
+            scale: &scale,
+            rows: Vec::new(),
+            residual: Vec::new(),
+        };
+        let places = self.curve.at_samples();
+        for samples in self.stretches() {
+            let used = self.used.partition_point(|(i, _)| *i < samples.start)
+                ..self.used.partition_point(|(i, _)| *i < samples.end);
+            position_rows(
+                self.motion,
+                &self.curve,
+                &self.colour,
+                &places,
+                samples,
+                |first, curve, right| stretch.add(first, curve, &[], right, 1.0),
+            );
+            self.effort_rows(
+                self.used[used].iter().map(|(i, _)| *i),
+                &places,
+                at,
+                |first, curve, params, right| {
+                    stretch.add(first, curve, params, right, 1.0 / noise);
+                },
+            );
+            stretch.leave_out(&mut left_out);
+        }
+        let certain = left_out.covariance();
+        let mut out = DMatrix::zeros(self.linear, self.linear);
+        for (i, &row) in free[..named].iter().enumerate() {
+            for (j, &column) in free[..named].iter().enumerate() {
+                out[(row, column)] = certain[(i, j)] / (scale[i] * scale[j]);
+            }
+        }
+        out
+    }
+
+    /// The blocks of the fit's samples, as samples at the work rate, which no block leaves out.
+    fn stretches(&self) -> impl Iterator<Item = Range<usize>> {
+        let kept = &self.motion.kept;
+        let mut from = 0;
+        blocks(kept.len()).map(move |block| {
+            let to = kept.get(block.end).copied().unwrap_or(self.motion.q.len());
+            core::mem::replace(&mut from, to)..to
+        })
+    }
+}

@@ -1,0 +1,204 @@
+//! How far parameters move when a stretch of the recording is left out: the jackknife over blocks of time.
+//!
+//! What a fit leaves is far from white: the tracker's noise, differentiated twice, has nothing at the low frequencies where the strokes are, and what
+//! wanders with the poses or with the hand stays on one side for a stroke. Whole blocks keep both, and leaving one out, not only weighing it,
+//! knows of samples that decide a parameter by themselves.
+//!
+//! ```text
+//! d_b = (H - Z_b' Z_b)^-1 Z_b' r_b          Z_b, r_b: rows and residuals of block b;  H: normal matrix of all with penalties
+//! covariance = (m - 1) / m  sum over b of (d_b - mean d)(d_b - mean d)'           m: number of blocks
+//! ```
+//!
+//! # Source
+//! Künsch, *The jackknife and the bootstrap for general stationary observations*, Annals of Statistics 17, 1989; Efron, *The jackknife, the
+//! bootstrap and other resampling plans*, 1982, chapter 3.
+
+use core::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::products::{crossed, gram};
+
+/// Samples of a block, at the fit's rate: about two seconds, a stroke.
+const BLOCK: usize = 48;
+/// Of a short recording there are so many, which then are shorter.
+const FEWEST: usize = 10;
+
+/// The blocks of so many samples of the fit.
+pub(super) fn blocks(samples: usize) -> impl Iterator<Item = Range<usize>> {
+    let length = BLOCK.min(samples / FEWEST).max(1);
+    (0..samples)
+        .step_by(length)
+        .map(move |from| from..(from + length).min(samples))
+}
+
+/// Moves of the first parameters by what was left out.
+pub(super) struct LeftOut<'a> {
+    /// Normal matrix with penalties.
+    h: &'a DMatrix<f64>,
+    params: usize,
+    moves: Vec<DVector<f64>>,
+}
+
+impl<'a> LeftOut<'a> {
+    /// Of the first `params` that have the normal matrix `h`.
+    pub(super) fn new(h: &'a DMatrix<f64>, params: usize) -> Self {
+        Self {
+            h,
+            params,
+            moves: Vec::new(),
+        }
+    }
+
+    /// Leaves out a block with rows `z` and residuals.
+    pub(super) fn add(&mut self, z: &DMatrix<f64>, residual: &DVector<f64>) {
+        let asked = crossed(
+            z,
+            &DMatrix::from_column_slice(residual.len(), 1, residual.as_slice()),
+        );
+        let rest = (self.h - gram(z)).cholesky();
+        // What only this block shows is not known without it: then it is weighed less instead of left out.
+        let factor = rest.or_else(|| self.h.clone().cholesky());
+        if let Some(factor) = factor {
+            let moved = factor.solve(&asked);
+            self.moves
+                .push(moved.column(0).rows(0, self.params).into_owned());
+        }
+    }
+
+    /// Covariance of the parameters, so that 1.96 standard deviations hold as much as Student's distribution does for so few blocks; of
+    /// those, only as many count as share in what moves a parameter.
+    pub(super) fn covariance(&self) -> DMatrix<f64> {
+        let blocks = self.moves.len() as f64;
+        let mean = self.moves.iter().sum::<DVector<f64>>() / blocks.max(1.0);
+        let (mut squares, mut fourths) = (DVector::zeros(self.params), DVector::zeros(self.params));
+        let mut out = DMatrix::zeros(self.params, self.params);
+        for moved in &self.moves {
+            let away = moved - &mean;
+            out += &away * away.transpose();
+            let square = away.component_mul(&away);
+            fourths += square.component_mul(&square);
+            squares += square;
+        }
+        let wider = squares.zip_map(&fourths, |square: f64, fourth: f64| {
+            // Satterthwaite's freedom; the fourth powers of normal numbers are three on the mean.
+            let freedom = (3.0 * square * square / fourth.max(f64::MIN_POSITIVE)).min(blocks - 1.0);
+            student_over_normal(freedom)
+        });
+        out.component_mul(&(&wider * wider.transpose())) * ((blocks - 1.0) / blocks.max(1.0))
+    }
+}
+
+/// 95 % interval of Student's distribution over the normal one's: Abramowitz and Stegun, 26.7.5.
+fn student_over_normal(freedom: f64) -> f64 {
+    const NORMAL: f64 = 1.96;
+    let (n, z) = (freedom.max(1.0), NORMAL * NORMAL);
+    let terms = [
+        (z + 1.0) / 4.0,
+        ((5.0 * z + 16.0) * z + 3.0) / 96.0,
+        (((3.0 * z + 19.0) * z + 17.0) * z - 15.0) / 384.0,
+    ];
+    1.0 + (terms[0] + (terms[1] + terms[2] / n) / n) / n
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Covariance of least squares estimates of the columns of `y`.
+    fn covariance(y: &DMatrix<f64>, tau: &DVector<f64>) -> DMatrix<f64> {
+        let h = gram(y);
+        let theta = h.clone().cholesky().unwrap().solve(&y.tr_mul(tau));
+        let residual = tau - y * theta;
+        let mut left_out = LeftOut::new(&h, y.ncols());
+        for block in blocks(residual.len()) {
+            let rows = y.rows_range(block.clone()).into_owned();
+            left_out.add(&rows, &residual.rows_range(block).into_owned());
+        }
+        left_out.covariance()
+    }
+
+    #[test]
+    fn numbers_left_out_tell_how_far_their_mean_is_certain() {
+        // The mean of n numbers: the jackknife is their variance over n, widened for few of them.
+        let numbers = DVector::from_row_slice(&[1.0, 4.0, 2.0, 7.0, 6.0, 4.0]);
+        let n = numbers.len() as f64;
+        let square = numbers.add_scalar(-numbers.mean()).norm_squared();
+        let student = student_over_normal(n - 1.0);
+        let expected = square / (n - 1.0) / n * student.powi(2);
+        let found = covariance(&DMatrix::from_element(6, 1, 1.0), &numbers)[(0, 0)];
+        assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
+    }
+
+    #[test]
+    fn a_block_left_out_moves_the_estimate_as_a_fit_without_it() {
+        let y = DMatrix::from_fn(30, 2, |i, j| ((i * (j + 2)) as f64).sin());
+        let tau = DVector::from_fn(30, |i, _| (0.7 * i as f64).cos());
+        let fit = |y: &DMatrix<f64>, tau: &DVector<f64>| {
+            gram(y).cholesky().unwrap().solve(&y.tr_mul(tau))
+        };
+        let (h, all) = (gram(&y), fit(&y, &tau));
+        let mut left_out = LeftOut::new(&h, 2);
+        let rows = y.rows(0, 7).into_owned();
+        left_out.add(&rows, &(tau.rows(0, 7) - &rows * &all));
+        let without = fit(&y.rows(7, 23).into_owned(), &tau.rows(7, 23).into_owned());
+        assert!((&all - &left_out.moves[0] - without).amax() < 1e-12);
+    }
+
+    /// Share of 300 draws of noise that a filter with memory `pole` makes of white noise and of its differences, if `differenced`, in
+    /// which the interval of a slow wave's size holds the truth.
+    fn coverage(pole: f64, differenced: bool) -> f64 {
+        let n = 1200;
+        let y = DMatrix::from_fn(n, 2, |i, j| {
+            if j == 0 {
+                (0.13 * i as f64).sin()
+            } else {
+                (0.031 * i as f64).cos().signum()
+            }
+        });
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut inside = 0;
+        for _ in 0..300 {
+            let (mut noise, mut before) = (0.0, 0.0);
+            let tau = DVector::from_fn(n, |i, _| {
+                let new: f64 = StandardNormal.sample(&mut rng);
+                noise = pole * noise + new - if differenced { before } else { 0.0 };
+                before = new;
+                2.0 * y[(i, 0)] + noise
+            });
+            let h = gram(&y);
+            let theta = h.cholesky().unwrap().solve(&y.tr_mul(&tau));
+            let std = covariance(&y, &tau)[(0, 0)].sqrt();
+            inside += u32::from((theta[0] - 2.0).abs() < 1.96 * std);
+        }
+        f64::from(inside) / 300.0
+    }
+
+    #[test]
+    fn intervals_hold_in_noise_that_is_white_that_wanders_and_that_was_differentiated() {
+        for (pole, differenced) in [(0.0, false), (0.9, false), (0.3, true)] {
+            let share = coverage(pole, differenced);
+            assert!(
+                (0.91..=0.99).contains(&share),
+                "{pole} {differenced}: {share}"
+            );
+        }
+    }
+
+    #[test]
+    fn students_interval_is_that_of_the_tables() {
+        for (freedom, table) in [
+            (2.0, 4.303),
+            (3.0, 3.182),
+            (5.0, 2.571),
+            (10.0, 2.228),
+            (1e6, 1.96),
+        ] {
+            let found = 1.96 * student_over_normal(freedom);
+            assert!((found / table - 1.0).abs() < 0.035, "{freedom}: {found}");
+        }
+    }
+}
