@@ -4,7 +4,7 @@ use super::gates::most_of;
 use super::model::Found;
 use super::search::State;
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Scope, kind};
+use crate::effect::library::{Kind, Scope, kind};
 
 /// A damper's edge this close to an end of the travel, as a share of the range, may be what a catch does there.
 const NEAR_END: f64 = 0.15;
@@ -31,22 +31,37 @@ impl State {
                 continue;
             };
             let as_was = self.as_is();
-            let before = self.error()?;
-            self.effects[i].0 = wider;
-            self.refine_all()?;
-            let seen = self.survey()?.map(|(_, seen)| seen);
-            let choice = seen.and_then(|seen| self.passing(catch, &seen));
-            if let Some((choice, p_value)) = choice {
-                self.effects.push((choice.found(&self.ground), p_value));
-                self.refine_all()?;
-                if self.error()? < LATCHED_BELOW * before {
+            match self.latched(i, wider, catch) {
+                Ok(true) => {
                     self.given_up.clear();
                     return self.search();
                 }
+                // One that reaches the end may be the same as another one: then there is no fit, and nothing is gained.
+                Ok(false) | Err(DynamicsError::Fit(_)) => self.put_back(as_was),
+                Err(error) => return Err(error),
             }
-            self.put_back(as_was);
         }
         Ok(())
+    }
+
+    /// Puts `wider` in the place of effect `i`, and a catch beside it where it passes every gate; whether that errs less.
+    fn latched(
+        &mut self,
+        i: usize,
+        wider: Found,
+        catch: &'static Kind,
+    ) -> Result<bool, DynamicsError> {
+        let before = self.error()?;
+        self.effects[i].0 = wider;
+        self.refine_all()?;
+        let seen = self.survey()?.map(|(_, seen)| seen);
+        let choice = seen.and_then(|seen| self.passing(catch, &seen));
+        let Some((choice, p_value)) = choice else {
+            return Ok(false);
+        };
+        self.effects.push((choice.found(&self.ground), p_value));
+        self.refine_all()?;
+        Ok(self.error()? < LATCHED_BELOW * before)
     }
 }
 
