@@ -185,6 +185,7 @@ fn confirmed_diagnosis(
 ) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
     let mut barred: Vec<&'static str> = Vec::new();
     let (samples, mut earlier) = confirmed_change(samples, others);
+    let mut best: Option<(Diagnosis, Vec<Confirmation>)> = None;
     loop {
         let mut diagnosis = diagnose_without(&samples, settings, &barred)?;
         let known = diagnosis.refused.len();
@@ -195,7 +196,18 @@ fn confirmed_diagnosis(
             let there = |e: &NamedEffect| e.found.kind.name == refused.name;
             refused.name != SLIP.name && !diagnosis.effects.iter().any(there)
         });
-        if refused.is_empty() || barred.len() >= MOST_BARRED {
+        // A search that begins anew may end in a worse place than the one before it did without what was refused.
+        let errs = |one: &Diagnosis| one.model.held_out_rms;
+        let stays = |one: &Diagnosis| errs(one) < STAYS_BELOW * errs(&diagnosis);
+        let ends = refused.is_empty() || barred.len() >= MOST_BARRED;
+        if best.as_ref().is_none_or(|(one, _)| !stays(one)) {
+            best = Some((diagnosis.clone(), confirmed.clone()));
+        }
+        if ends {
+            if let Some(one) = best {
+                (diagnosis, confirmed) = one;
+            }
+            earlier.retain(|known| !diagnosis.refused.contains(known));
             diagnosis.refused.extend(earlier);
             add_stiction(&mut diagnosis, &mut confirmed, others, settings)?;
             return Ok((diagnosis, confirmed));
@@ -234,6 +246,9 @@ fn confirmed_change<'a>(
 
 /// Changes of the tool in two recordings are the same within this factor.
 const SAME: f64 = 0.4;
+
+/// What a search found stays when it errs so much less on held-out strokes than what later ones found.
+const STAYS_BELOW: f64 = 0.9;
 
 /// After so many refusals by other recordings the search is not begun anew.
 const MOST_BARRED: usize = 6;

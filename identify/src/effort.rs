@@ -5,6 +5,7 @@
 //! slide. What does no work (forces across the path, moments across the axis) is reported: it grows when the axis is wrong.
 
 mod coordinate;
+mod rigid;
 
 use core::ops::Range;
 
@@ -14,11 +15,12 @@ use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::MotionError;
 use crate::parallel::in_parallel;
-use crate::payload::{Payload, Since, sensor_origin};
+use crate::payload::{Payload, Since};
 use crate::samples::{Aside, Change, JointSamples, Lean, opening_sign};
 use crate::screw::{JointKind, PoseSamples, ScrewAxis, perpendiculars};
 use crate::tool::{ToolKinematics, ToolSamples};
 use coordinate::Coordinate;
+use rigid::Rigid;
 
 /// Root mean squares of the part of the contact wrench that does no work.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -158,7 +160,9 @@ pub fn joint_effort(
         || Work::unknown(q.len()),
         |payload| {
             let handle = Point3::from(tool_position);
-            Work::of(tool, kinematics, &index, payload, &axis, &handle)
+            let rigid = Rigid::of(tool, (&index, &q), (joint, &axis), handle);
+            let held = (index.as_slice(), q.as_slice(), rigid.as_ref());
+            Work::of(tool, kinematics, held, payload, &axis, &handle)
         },
     );
     let samples = JointSamples {
@@ -269,7 +273,7 @@ impl Work {
     fn of(
         tool: &ToolSamples,
         kinematics: &ToolKinematics,
-        index: &[usize],
+        (index, q, rigid): (&[usize], &[f64], Option<&Rigid<'_>>),
         payload: &Payload,
         axis: &ScrewAxis,
         handle: &Point3<f64>,
@@ -277,13 +281,17 @@ impl Work {
         let direction = axis.direction.into_inner();
         let (first, second) = across(axis, handle);
         let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
-        let samples = in_parallel(index, |&i| {
-            let tcp = tool.position[i];
+        let tcp_from_ft_sensor = &tool.tcp_from_ft_sensor;
+        let places: Vec<(usize, f64)> = index.iter().copied().zip(q.iter().copied()).collect();
+        let samples = in_parallel(&places, |&(i, q)| {
+            let (tcp, rotation) =
+                rigid.map_or((tool.position[i], tool.rotation[i]), |rigid| rigid.at(q));
             let along = axis.velocity_at(&tcp);
-            let arm = sensor_origin(tool, i) - tcp;
+            let arm = rotation * tcp_from_ft_sensor.translation.vector;
+            let world_from_ft_sensor = rotation * tcp_from_ft_sensor.rotation;
             // Force and torque about the tool's point, on the object, and what of them turns the axis.
             let on_object = |wrench: [Vector3<f64>; 2]| {
-                let [force, torque] = wrench.map(|v| -(kinematics.rotation[i] * v));
+                let [force, torque] = wrench.map(|v| -(world_from_ft_sensor * v));
                 let at_tcp = torque + arm.cross(&force);
                 let turning = if axis.kind == JointKind::Revolute {
                     direction.dot(&at_tcp)
@@ -292,12 +300,15 @@ impl Work {
                 };
                 (force, at_tcp, turning)
             };
-            let own = payload.own(kinematics, i);
+            // Gravity as the tool lies there, not as the tracker has it.
+            let [specific, rate, angular] = kinematics.at(i);
+            let specific = world_from_ft_sensor.inverse() * (kinematics.rotation[i] * specific);
+            let own = payload.own([specific, rate, angular]);
             let contact = payload.contact_beside(&own, tool, i);
             let (force, at_tcp, turning) = on_object(contact);
             let (own, _, own_turning) = on_object(own);
             let unit = along.normalize();
-            let way = axis.velocity_at(&(tcp + tool.rotation[i] * com.coords));
+            let way = axis.velocity_at(&(tcp + rotation * com.coords));
             AtSample {
                 tau: turning + along.dot(&force),
                 own: own_turning + along.dot(&own),

@@ -16,7 +16,7 @@ mod rows;
 use core::ops::Range;
 
 use ft_recording::Calibration;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::filter::FilterError;
 use crate::tool::{ToolKinematics, ToolSamples};
@@ -276,7 +276,7 @@ impl Payload {
         kinematics: &ToolKinematics,
         i: usize,
     ) -> [Vector3<f64>; 2] {
-        self.contact_beside(&self.own(kinematics, i), tool, i)
+        self.contact_beside(&self.own(kinematics.at(i)), tool, i)
     }
 
     /// As [`Payload::contact`]; `own` = [`Payload::own`] at that sample.
@@ -294,16 +294,12 @@ impl Payload {
         ]
     }
 
-    /// What the tool and a mass attached to it put on the sensor at sample `i`, without bias.
+    /// What the tool and a mass attached to it put on the sensor, without bias, moving as [`ToolKinematics::at`] has it.
     #[must_use]
-    pub fn own(&self, kinematics: &ToolKinematics, i: usize) -> [Vector3<f64>; 2] {
-        let [force, torque] = self.wrench(
-            &kinematics.specific[i],
-            &kinematics.rate[i],
-            &kinematics.angular[i],
-        );
+    pub fn own(&self, [specific, rate, angular]: [Vector3<f64>; 3]) -> [Vector3<f64>; 2] {
+        let [force, torque] = self.wrench(&specific, &rate, &angular);
         let on = self.attached.map_or([Vector3::zeros(); 2], |attached| {
-            attached.wrench(kinematics, i)
+            attached.wrench(&specific, &rate, &angular)
         });
         [force + on[0], torque + on[1]]
     }
@@ -383,13 +379,13 @@ impl Payload {
 }
 
 impl Attached {
-    /// What it adds to the sensor's reading at sample `i`, as a point mass.
-    fn wrench(&self, kinematics: &ToolKinematics, i: usize) -> [Vector3<f64>; 2] {
-        let (specific, rate, angular) = (
-            &kinematics.specific[i],
-            &kinematics.rate[i],
-            &kinematics.angular[i],
-        );
+    /// What it adds to the sensor's reading, as a point mass.
+    fn wrench(
+        &self,
+        specific: &Vector3<f64>,
+        rate: &Vector3<f64>,
+        angular: &Vector3<f64>,
+    ) -> [Vector3<f64>; 2] {
         let h = Vector3::from(self.first_moment);
         let at = h / self.mass_kg;
         let force = specific * self.mass_kg - angular.cross(&h) - rate.cross(&rate.cross(&h));
@@ -403,10 +399,4 @@ fn mean_time(tool: &ToolSamples, runs: &[Range<usize>]) -> f64 {
         .flat_map(Clone::clone)
         .fold((0.0, 0), |(sum, n), i| (sum + tool.time[i], n + 1));
     sum / f64::from(count.max(1))
-}
-
-/// A point of the sensor's origin in `world` at sample `i`.
-#[must_use]
-pub fn sensor_origin(tool: &ToolSamples, i: usize) -> Point3<f64> {
-    tool.position[i] + tool.rotation[i] * tool.tcp_from_ft_sensor.translation.vector
 }

@@ -156,6 +156,41 @@ fn a_drift_between_two_free_air_parts_is_taken_off() {
     );
 }
 
+/// Root mean square relative error of the friction of a light drawer over some seeds.
+fn friction_error(scene: &Scene) -> f64 {
+    let square = |seed| {
+        let scene = Scene {
+            seed,
+            inertia: 0.5,
+            coulomb: 0.8,
+            viscous: 0.8,
+            ..scene.clone()
+        };
+        let found = identify(&scene.record()).unwrap();
+        let coulomb = found.report.term("coulomb").unwrap().value.unwrap();
+        (coulomb / scene.coulomb - 1.0).powi(2)
+    };
+    ((1..4).map(square).sum::<f64>() / 3.0).sqrt()
+}
+
+#[test]
+fn a_tool_that_a_tracker_turns_wrongly_pushes_no_harder() {
+    let error = friction_error(&Scene {
+        wander: [1.5e-3, 2e-3],
+        ..Scene::drawer()
+    });
+    assert!(error < 0.004, "{error}");
+}
+
+#[test]
+fn a_tool_that_turns_in_the_grasp_is_where_the_tracker_has_it() {
+    let error = friction_error(&Scene {
+        turned_in_grasp: 0.15,
+        ..Scene::drawer()
+    });
+    assert!(error < 0.02, "{error}");
+}
+
 #[test]
 fn free_air_that_contradicts_the_calibration_is_believed() {
     let mut recording = Scene::door().record();

@@ -31,6 +31,12 @@ pub struct ToolKinematics {
 }
 
 impl ToolKinematics {
+    /// Specific force, rate and angular acceleration at sample `i`.
+    #[must_use]
+    pub fn at(&self, i: usize) -> [Vector3<f64>; 3] {
+        [self.specific[i], self.rate[i], self.angular[i]]
+    }
+
     /// Differentiates the poses, run by run. Runs too short for the filter get the still tool's values.
     ///
     /// # Errors

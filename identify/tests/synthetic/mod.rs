@@ -36,6 +36,8 @@ pub struct Scene {
     pub free_after_s: f64,
     pub wander: [f64; 2],
     pub drift_n_per_s: f64,
+    /// Angle by which the tool turns on what it holds, half way through.
+    pub turned_in_grasp: f64,
     pub seed: u64,
 }
 
@@ -53,6 +55,7 @@ impl Scene {
             free_after_s: 0.0,
             wander: [1.5e-3, 2e-3],
             drift_n_per_s: 0.0,
+            turned_in_grasp: 0.0,
             seed: 1,
         }
     }
@@ -118,7 +121,12 @@ impl Scene {
             0.7 * (2.3 * t).cos(),
         ) * free;
         let shift = Vector3::new((5.1 * t).sin(), (4.3 * t).cos(), (6.2 * t).sin()) * 0.06 * free;
-        self.moved(q) * Self::grasp_pose() * Isometry3::new(shift, turn)
+        let since = (t - GRASP_S - 0.5 * self.probing_s) / 2.0;
+        let turned = Vector3::new(0.0, self.turned_in_grasp * smooth(since), 0.0);
+        self.moved(q)
+            * Self::grasp_pose()
+            * Isometry3::new(shift, turn)
+            * UnitQuaternion::from_scaled_axis(turned)
     }
 
     /// Where the sensor sits.
