@@ -118,6 +118,20 @@ fn what_stands_beside_the_dampers_of_a_closer_is_named() {
     }
 }
 
+/// A confirming recording that does not show all effects apart, and a damper that is the same as another one once it is tried to the end
+/// of the travel, leave a trial without a fit: no identification ends by that, as these did.
+#[test]
+fn trials_without_a_fit_end_no_identification() {
+    for (seed, name) in [
+        (12_100_025, "position_dependent_friction"),
+        (12_100_044, "time_lag"),
+    ] {
+        let judged = Pair::of(seed).judged(&[CONFIRM]);
+        assert_eq!(judged.truth, [name]);
+        assert_eq!((judged.found, judged.wrong.len()), (1, 0), "{judged:?}");
+    }
+}
+
 /// The time at which an inertia changes has many minima, one of them found beside what later effects do; and on another recording it is
 /// looked for beside the strut, wherever that stands in the list.
 #[test]
