@@ -28,7 +28,7 @@ mod kept;
 mod recorders;
 
 use kept::{Kept, wrapped_number};
-use recorders::{Recorders, Shelf};
+use recorders::{About, Recorders, Shelf};
 
 /// How often `/tf_static` is repeated: plain subscribers know of no cache.
 const STATIC_PERIOD: Duration = Duration::from_secs(1);
@@ -220,12 +220,16 @@ impl Declared {
     ) -> Result<Endpoint, SinkError> {
         let own = recovery::publisher(&self.shelf.key, self.shelf.id);
         let messages = recovery::messages(&own);
-        let queryables = [messages.clone(), recovery::have(&own)]
+        let queryables = [
+            (messages.clone(), About::Messages),
+            (recovery::have(&own), About::Have),
+        ];
+        let queryables = queryables
             .into_iter()
-            .map(|key| {
+            .map(|(key, about)| {
                 session
                     .declare_queryable(key)
-                    .callback(recorders.desk(index))
+                    .callback(recorders.desk(index, about))
                     .wait()
                     .map_err(|error| refused("declaring what recorders ask", &error))
             })

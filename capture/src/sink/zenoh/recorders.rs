@@ -48,8 +48,22 @@ impl Shelf {
     }
 }
 
-/// What was asked, and of which publisher.
-type Asked = (Query, usize);
+/// What can be asked of a publisher.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum About {
+    /// Its messages ([`recovery::messages`]).
+    Messages,
+    /// What it has ([`recovery::have`]).
+    Have,
+}
+
+/// A question, and of which publisher.
+#[derive(Debug)]
+struct Asked {
+    query: Query,
+    of: usize,
+    about: About,
+}
 
 /// By publisher and recorder: before which number it needs nothing, and when it said so.
 type Reports = HashMap<(usize, String), (i64, HostTime)>;
@@ -80,11 +94,12 @@ impl Recorders {
         })
     }
 
-    /// Where queries about the publisher `index` go; it does not wait for who asks. A report counts at once: its answer may
+    /// Where queries about the publisher `of` go; it does not wait for who asks. A report counts at once: its answer may
     /// have to wait until all that was asked for before has crossed a slow network.
-    pub(super) fn desk(&self, index: usize) -> impl Fn(Query) + Send + Sync + 'static {
+    pub(super) fn desk(&self, of: usize, about: About) -> impl Fn(Query) + Send + Sync + 'static {
         let asked = self.asked.clone();
-        let shelf = self.shelves.get(index).cloned();
+        let shelf = self.shelves.get(of).filter(|_| about == About::Have);
+        let shelf = shelf.cloned();
         let (reports, clock) = (Arc::clone(&self.reports), self.clock);
         move |query| {
             let parameters = query.parameters();
@@ -92,11 +107,11 @@ impl Recorders {
                 let before = reported(parameters.get(recovery::BEFORE), shelf);
                 remember(
                     &mut reports.lock().unwrap_or_else(PoisonError::into_inner),
-                    (index, by.to_owned()),
+                    (of, by.to_owned()),
                     (before, clock.now()),
                 );
             }
-            let _ = asked.try_send((query, index));
+            let _ = asked.try_send(Asked { query, of, about });
         }
     }
 
@@ -116,14 +131,18 @@ impl Recorders {
 }
 
 fn answer_until_closed(shelves: &[Arc<Shelf>], queries: &Receiver<Asked>) {
-    while let Ok((query, index)) = queries.recv() {
-        let Some(shelf) = shelves.get(index) else {
+    while let Ok(Asked { query, of, about }) = queries.recv() {
+        let Some(shelf) = shelves.get(of) else {
             continue;
         };
         // Who asked may be gone: then there is nobody to tell.
-        let _ = match query.parameters().get(recovery::BY) {
-            Some(_) => give_oldest(&query, shelf),
-            None => give(&query, shelf),
+        let _ = match about {
+            About::Messages => give(&query, shelf),
+            About::Have if query.parameters().contains_key(recovery::BY) => {
+                give_oldest(&query, shelf)
+            }
+            // A pattern that met the messages, too: they were given there.
+            About::Have => Ok(()),
         };
     }
 }
