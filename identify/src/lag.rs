@@ -37,22 +37,37 @@ pub fn scan(
     y: &DMatrix<f64>,
     gram: &DMatrix<f64>,
 ) -> Result<Option<Lag>, MotionError> {
+    // Two samples either way are the least for a parabola; so seldom they show no lag that streams have.
+    if 2.0 * motion.period > FAR_S {
+        return Ok(None);
+    }
     for range in [USUAL_S, FAR_S] {
         let steps = (range / motion.period).round().max(2.0) as isize;
-        if let Some(found) = scan_over(motion, y, gram.clone(), steps)? {
-            return Ok(found);
+        match scan_over(motion, y, gram.clone(), steps)? {
+            Scanned::Within(lag) => return Ok(Some(lag)),
+            Scanned::Blind => return Ok(None),
+            Scanned::AtTheEnd => {}
         }
     }
     Ok(None)
 }
 
-/// As [`scan`], over so many samples either way; `None` when the best lies at the end.
+/// What a range of lags shows.
+enum Scanned {
+    Within(Lag),
+    /// The best lies at an end of the range.
+    AtTheEnd,
+    /// The motion cannot show a lag.
+    Blind,
+}
+
+/// As [`scan`], over so many samples either way.
 fn scan_over(
     motion: &Motion,
     y: &DMatrix<f64>,
     mut gram: DMatrix<f64>,
     steps: isize,
-) -> Result<Option<Option<Lag>>, MotionError> {
+) -> Result<Scanned, MotionError> {
     let inside: Vec<usize> = (0..motion.kept.len())
         .filter(|&k| {
             let i = motion.kept[k] as isize;
@@ -63,7 +78,7 @@ fn scan_over(
         })
         .collect();
     if inside.len() < 60 {
-        return Ok(Some(None));
+        return Ok(Scanned::Blind);
     }
     let y = y.select_rows(&inside);
     for j in 0..gram.ncols() {
@@ -71,7 +86,7 @@ fn scan_over(
         gram[(j, j)] += 1e-12;
     }
     let Some(factor) = gram.cholesky() else {
-        return Ok(Some(None));
+        return Ok(Scanned::Blind);
     };
     let residual = |shift: isize| -> Result<DVector<f64>, MotionError> {
         let tau = motion.regressor(&shifted(motion, shift))?;
@@ -85,10 +100,10 @@ fn scan_over(
         .into_iter()
         .collect::<Result<Vec<f64>, MotionError>>()?;
     let Some(best) = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b])) else {
-        return Ok(Some(None));
+        return Ok(Scanned::Blind);
     };
     if best == 0 || best + 1 == sums.len() {
-        return Ok(None);
+        return Ok(Scanned::AtTheEnd);
     }
     let curvature = sums[best - 1] - 2.0 * sums[best] + sums[best + 1];
     let offset = 0.5 * (sums[best - 1] - sums[best + 1]) / curvature;
@@ -96,12 +111,15 @@ fn scan_over(
     let variance = sums[best] / effective_count(left.as_slice()).max(1.0);
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
-    let is_finite = value_s.is_finite() && std_s.is_finite();
-    Ok(Some(is_finite.then_some(Lag {
-        value_s,
-        std_s,
-        applied: false,
-    })))
+    Ok(if value_s.is_finite() && std_s.is_finite() {
+        Scanned::Within(Lag {
+            value_s,
+            std_s,
+            applied: false,
+        })
+    } else {
+        Scanned::Blind
+    })
 }
 
 /// The effort of `shift` samples later, held at the ends of the runs.

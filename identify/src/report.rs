@@ -363,10 +363,15 @@ impl Report {
             .lag
             .filter(|lag| lag.applied && lag.value_s.abs() > USUAL_S);
         if let Some(lag) = far {
+            let how = if self.input.grasp.is_some() {
+                let files = self.input.files.join(" ");
+                format!(" (ft-capture calibrate {files} --align -o ALIGNED.mcap)")
+            } else {
+                String::new()
+            };
             self.notes.push(format!(
-                "the wrench is {:.0} ms late: effects were looked for before that was taken out. Align the streams (ft-capture calibrate {} --align -o ALIGNED.mcap) and identify that",
+                "the effort is {:.0} ms late: effects were looked for before that was taken out. Align the streams{how} and identify that",
                 1e3 * lag.value_s,
-                self.input.files.join(" ")
             ));
         }
         self.mechanism = summary_of(full, analysis.left_to_mechanism);

@@ -285,10 +285,17 @@ fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Runs built-in `scenarios` times `seeds` on all processors; `done` hears of each.
+/// Every trial with each of `seeds`: what is the same in two trials meets the same noise.
+#[must_use]
+pub fn each_of(trials: Vec<Trial>, seeds: std::ops::Range<u64>) -> Vec<(Trial, u64)> {
+    let with_each = |trial: Trial| seeds.clone().map(move |seed| (trial.clone(), seed));
+    trials.into_iter().flat_map(with_each).collect()
+}
+
+/// Runs each built-in scenario with each of `seeds`, as [`study_of`].
 ///
 /// # Panics
-/// One of them cannot be recorded or identified.
+/// As [`study_of`], or a scenario is unknown.
 #[must_use]
 pub fn study(
     scenarios: &[&str],
@@ -296,50 +303,41 @@ pub fn study(
     done: impl Fn(&Comparison) + Sync,
 ) -> Vec<Comparison> {
     let load = |name: &&str| Scenario::load(name).unwrap_or_else(|error| panic!("{name}: {error}"));
-    let trials: Vec<Trial> = scenarios.iter().map(load).map(Trial::plain).collect();
-    study_of(&trials, seeds, done)
+    let trials = scenarios.iter().map(load).map(Trial::plain).collect();
+    study_of(&each_of(trials, seeds), done)
 }
 
-/// As [`study`], of any trials.
+/// Runs trials, each with its seed, on all processors; `done` hears of each. In the order of `jobs`.
 ///
 /// # Panics
-/// As [`study`].
+/// One of them cannot be recorded or identified.
 #[must_use]
-pub fn study_of(
-    trials: &[Trial],
-    seeds: std::ops::Range<u64>,
-    done: impl Fn(&Comparison) + Sync,
-) -> Vec<Comparison> {
-    let jobs: Vec<_> = trials
-        .iter()
-        .flat_map(|trial| seeds.clone().map(move |seed| (trial, seed)))
-        .collect();
+pub fn study_of(jobs: &[(Trial, u64)], done: impl Fn(&Comparison) + Sync) -> Vec<Comparison> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
     let folder = tempfile::tempdir().unwrap_or_else(|error| panic!("no temporary folder: {error}"));
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
         for worker in 0..workers {
-            let (jobs, next, results, done, folder) = (&jobs, &next, &results, &done, &folder);
+            let (next, results, done, folder) = (&next, &results, &done, &folder);
             scope.spawn(move || {
                 let file = folder.path().join(format!("{worker}.mcap"));
-                while let Some((trial, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                loop {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    let Some((trial, seed)) = jobs.get(k) else {
+                        return;
+                    };
                     let truth = record_trial(trial, *seed, &file);
                     let comparison = compare(&trial.scenario.name, *seed, &file, &truth);
                     done(&comparison);
                     if let Ok(mut results) = results.lock() {
-                        results.push(comparison);
+                        results.push((k, comparison));
                     }
                 }
             });
         }
     });
     let mut results = results.into_inner().unwrap_or_default();
-    results.sort_by_key(|one| {
-        (
-            trials.iter().position(|t| t.scenario.name == one.scenario),
-            one.seed,
-        )
-    });
-    results
+    results.sort_by_key(|(k, _)| *k);
+    results.into_iter().map(|(_, one)| one).collect()
 }

@@ -3,7 +3,7 @@
 //! figures are simulated.
 
 use ft_tests::bias::{markdown, trials};
-use ft_tests::truth::study_of;
+use ft_tests::truth::{each_of, study_of};
 
 fn main() {
     let numbers: Vec<u64> = std::env::args()
@@ -15,7 +15,7 @@ fn main() {
     let word = std::env::args().nth(3).unwrap_or_default();
     let mut trials = trials();
     trials.retain(|trial| trial.scenario.name.contains(&word));
-    let results = study_of(&trials, first..first + seeds, |one| {
+    let results = study_of(&each_of(trials, first..first + seeds), |one| {
         eprintln!("{} {}: {:?}", one.scenario, one.seed, one.relative[0]);
     });
     print!("{}", markdown(&results));
