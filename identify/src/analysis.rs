@@ -10,11 +10,12 @@ use crate::diagnose::{
     diagnose_without, evidence, slopes_of,
 };
 use crate::dynamics::{
-    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
+    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, goes_one_way,
+    structure,
 };
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
-use crate::effect::{Effect, RigidBody, ZeroDrift};
+use crate::effect::{BiasDrift, Effect, RigidBody};
 use crate::lag::{Lag, USUAL_S};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -127,16 +128,20 @@ pub fn analyse_confirmed(
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
     drop_useless(&mut diagnosis, &mut confirmed)?;
-    let base = fit_base(&diagnosis.motion)?;
+    let mut base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
-    let named = diagnosis.model.clone();
+    let mut named = diagnosis.model.clone();
     let (full, jointly, left_to_mechanism) = with_mechanism(motion, &diagnosis)?;
+    for model in [&mut base, &mut named] {
+        model.withdraw_friction_of_one_way(motion);
+    }
     let slopes = slopes_of(motion, &diagnosis.found(), full.theta.as_slice());
     let mut floor = noise::floor(samples, motion, &full, slopes)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
     let tau = motion.regressor(&motion.tau)?;
     let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
-    if diagnosis.effects.is_empty() && full.terms.iter().all(|term| term.value.is_none()) {
+    let nothing = full.terms.iter().all(|term| term.value.is_none());
+    if nothing && (diagnosis.effects.is_empty() || goes_one_way(motion)) {
         verdict = Verdict::NotIdentifiable;
     }
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
@@ -186,10 +191,11 @@ fn confirmed_diagnosis(
     let mut barred: Vec<&'static str> = Vec::new();
     let (samples, mut earlier) = confirmed_change(samples, others);
     let mut best: Option<(Diagnosis, Vec<Confirmation>)> = None;
+    let mut least = f64::INFINITY;
     loop {
         let mut diagnosis = diagnose_without(&samples, settings, &barred)?;
         let known = diagnosis.refused.len();
-        let mut confirmed = confirm(&mut diagnosis, others, settings)?;
+        let confirmed = confirm(&mut diagnosis, others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
         // Of several dampers one may be too many; where the tool slid is in no model, confirmed or not.
         refused.retain(|refused| {
@@ -197,22 +203,20 @@ fn confirmed_diagnosis(
             refused.name != SLIP.name && !diagnosis.effects.iter().any(there)
         });
         // A search that begins anew may end in a worse place than the one before it did without what was refused.
-        let errs = |one: &Diagnosis| one.model.held_out_rms;
-        let stays = |one: &Diagnosis| errs(one) < STAYS_BELOW * errs(&diagnosis);
+        let error = diagnosis.model.held_out_rms;
+        least = least.min(error);
         let ends = refused.is_empty() || barred.len() >= MOST_BARRED;
-        if best.as_ref().is_none_or(|(one, _)| !stays(one)) {
-            best = Some((diagnosis.clone(), confirmed.clone()));
-        }
+        let stays = |_: &mut _| least < STAYS_BELOW * error;
+        let (mut diagnosis, mut confirmed) = best.take_if(stays).unwrap_or((diagnosis, confirmed));
         if ends {
-            if let Some(one) = best {
-                (diagnosis, confirmed) = one;
-            }
-            earlier.retain(|known| !diagnosis.refused.contains(known));
+            let named = |name| diagnosis.effects.iter().any(|e| e.found.kind.name == name);
+            earlier.retain(|known| !diagnosis.refused.contains(known) && !named(known.name));
             diagnosis.refused.extend(earlier);
             add_stiction(&mut diagnosis, &mut confirmed, others, settings)?;
             return Ok((diagnosis, confirmed));
         }
         // What was refused after the first may have been so for want of it only.
+        best = Some((diagnosis, confirmed));
         refused.truncate(1);
         barred.extend(refused.iter().map(|refused| refused.name));
         earlier.extend(refused);
@@ -247,7 +251,7 @@ fn confirmed_change<'a>(
 /// Changes of the tool in two recordings are the same within this factor.
 const SAME: f64 = 0.4;
 
-/// What a search found stays when it errs so much less on held-out strokes than what later ones found.
+/// What a search found stays when the least error on held-out strokes so far is so much smaller than that of the search after it.
 const STAYS_BELOW: f64 = 0.9;
 
 /// After so many refusals by other recordings the search is not begun anew.
@@ -382,6 +386,7 @@ fn with_mechanism(
             left = true;
         }
     }
+    model.withdraw_friction_of_one_way(motion);
     model.terms.truncate(3);
     model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
     let terms = &model.terms;
@@ -417,7 +422,7 @@ fn beside_mechanism(
     effects.extend(some.map(|(found, _)| found as &dyn Effect));
     let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
     if !is_table && !found.iter().any(is_named) {
-        effects.push(&ZeroDrift);
+        effects.push(&BiasDrift);
     }
     let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
     let mut fitted = model.theta.iter().copied();
@@ -431,6 +436,7 @@ fn beside_mechanism(
             });
         }
     }
+    model.bias_drift = BiasDrift::range(&fitted.collect::<Vec<f64>>());
     model.theta = DVector::from_vec(theta);
     Ok((model, jointly))
 }

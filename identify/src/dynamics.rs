@@ -21,11 +21,11 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 
 use crate::effect::{Column, Effect, RigidBody};
-use crate::lag::{self, Lag};
+use crate::lag::{self, FAR_S, Lag};
 use crate::least_squares::{Bound, FitError, bounded_least_squares, effective_count, rms};
 use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
-use crate::samples::JointSamples;
+use crate::samples::{JointSamples, extrema};
 use attenuation::Taken;
 use design::{Design, LOAD_GRID, MIDDLING};
 use valved::Valved;
@@ -70,6 +70,8 @@ pub struct EffortModel {
     pub condition: f64,
     /// The mechanism, for the final model.
     pub mechanism: Option<SplineMechanism>,
+    /// How far the sensor's bias goes where its drift was fitted beside the rest, N m or N; in no parameter.
+    pub bias_drift: f64,
     /// Predicted effort at the kept samples.
     pub predicted: Vec<f64>,
     /// Measured minus predicted.
@@ -212,7 +214,7 @@ fn fit_full(
         mechanism.set(&solution.as_slice()[params..]);
         (solution.rows(0, params).into_owned(), &design.y * &solution)
     });
-    let mut covariance = design.covariance(&solution, &smoothing);
+    let mut covariance = design.covariance(motion, &solution, &smoothing);
     covariance += turns::covariance(motion, &design, &smoothing, &theta)?;
     let taken = attenuation::taken(motion, &design, &smoothing, &theta)?;
     if let Taken::Some(given) = &taken {
@@ -313,6 +315,9 @@ pub fn align(
             std_s: rest.std_s,
             applied: true,
         };
+        if lag.value_s.abs() > FAR_S {
+            return Ok((samples.clone(), unmoved, None));
+        }
         if rest.value_s.abs() < 2e-4 {
             break;
         }
@@ -433,6 +438,7 @@ impl Design {
             rank,
             condition,
             mechanism: None,
+            bias_drift: 0.0,
             rms: rms(residual.as_slice()),
             relative_error: residual.norm() / self.tau.norm().max(f64::MIN_POSITIVE),
             held_out_rms,
@@ -470,6 +476,25 @@ impl EffortModel {
     }
 
     /// Takes back friction that a damping mechanism may stand in for: at its bound, or known to no better than a fifth.
+    /// Takes back friction where the motion goes over few places both ways: along one way it is a load.
+    pub fn withdraw_friction_of_one_way(&mut self, motion: &Motion) {
+        if !goes_one_way(motion) {
+            return;
+        }
+        let share = both_ways(motion);
+        for term in &mut self.terms {
+            if !["coulomb", "viscous"].contains(&term.name.as_str()) || term.value.is_none() {
+                continue;
+            }
+            (term.value, term.std) = (None, None);
+            let reason = format!(
+                "the motion goes both ways over {:.0} % of its range only, and one way friction cannot be told from a load; move there and back over the same places",
+                100.0 * share
+            );
+            self.not_identified.insert(term.name.clone(), reason);
+        }
+    }
+
     fn withdraw_friction(&mut self) {
         for term in &mut self.terms {
             let (Some(value), Some(std)) = (term.value, term.std) else {
@@ -487,6 +512,29 @@ impl EffortModel {
             self.not_identified.insert(term.name.clone(), reason);
         }
     }
+}
+
+/// Whether there are few places over which a motion goes both ways.
+#[must_use]
+pub fn goes_one_way(motion: &Motion) -> bool {
+    both_ways(motion) < LEAST_BOTH_WAYS
+}
+
+/// Friction is known where the motion goes both ways over this share of its range.
+const LEAST_BOTH_WAYS: f64 = 0.15;
+/// Parts of the range in which that is looked at.
+const PARTS: usize = 20;
+
+/// Share of the range of a motion over which its kept samples go both ways.
+fn both_ways(motion: &Motion) -> f64 {
+    let (low, high) = extrema(&motion.at_kept(&motion.q));
+    let mut ways = [[false; 2]; PARTS];
+    for &i in &motion.kept {
+        let part = (motion.q[i] - low) / (high - low) * PARTS as f64;
+        ways[(part as usize).min(PARTS - 1)][usize::from(motion.dq[i] > 0.0)] = true;
+    }
+    let both = ways.iter().filter(|ways| **ways == [true; 2]).count();
+    both as f64 / PARTS as f64
 }
 
 impl JointFit {

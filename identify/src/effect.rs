@@ -11,7 +11,6 @@ pub mod slip;
 
 use crate::least_squares::Bound;
 use crate::motion::{Motion, MotionError};
-use crate::samples::extrema;
 
 /// One regressor of a model that is linear in its parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,47 +94,75 @@ impl Effect for RigidBody {
     }
 }
 
-/// The zero of the force sensor that goes away while it measures: straight pieces of two minutes or an eighth of the recording, which
-/// start from zero. Wherever the joint is, the sensor lies in the same way to its path, so that this is a load over time.
+/// The bias of the force sensor that drifts while it measures: straight pieces, each of as many kept samples, of two minutes or an eighth of
+/// the recording; they start from nothing. Wherever the joint is, the sensor lies in the same way to its path, so that this is a load over time.
 ///
 /// No effect of the library: it is there to be fitted beside others, so that what a sensor usually drifts is not taken for friction
 /// where few strokes are slow.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ZeroDrift;
+pub struct BiasDrift;
 
-impl ZeroDrift {
+impl BiasDrift {
     const PIECE_S: f64 = 120.0;
     const MOST: f64 = 8.0;
+
+    /// How far the bias goes in all, of the coefficients of its pieces: N m or N.
+    pub(crate) fn range(pieces: &[f64]) -> f64 {
+        let mut at = 0.0;
+        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        for piece in pieces {
+            at += piece;
+            (low, high) = (low.min(at), high.max(at));
+        }
+        high - low
+    }
 }
 
-impl Effect for ZeroDrift {
+impl Effect for BiasDrift {
     fn name(&self) -> &'static str {
-        "zero_drift"
+        "bias_drift"
     }
 
     fn columns(&self, motion: &Motion) -> Result<Vec<Column>, MotionError> {
         let column = |series: Vec<f64>| {
             Ok(Column {
-                name: "zero_drift",
+                name: "bias_drift",
                 unit: motion.kind.effort_unit().to_owned(),
                 bound: Bound::Free,
-                values: motion.regressor(&motion.sliding(&series))?,
+                values: motion.regressor(&series)?,
             })
         };
         self.series(motion)?.into_iter().map(column).collect()
     }
 
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
-        let (start, end) = extrema(&motion.time);
+        let kept = motion.at_kept(&motion.time);
+        let [Some(start), Some(end)] = [kept.first(), kept.last()] else {
+            return Ok(Vec::new());
+        };
         let pieces = ((end - start) / Self::PIECE_S)
             .ceil()
-            .clamp(1.0, Self::MOST);
-        let long = (end - start) / pieces;
+            .clamp(1.0, Self::MOST) as usize;
+        // A long rest is no piece of its own, of which no sample would tell.
+        let knot = |k: usize| kept[k * (kept.len() - 1) / pieces];
         let piece = |k: usize| {
-            let from = start + k as f64 * long;
+            let (from, to) = (knot(k), knot(k + 1));
+            let long = (to - from).max(f64::MIN_POSITIVE);
             let time = motion.time.iter();
             time.map(|t| ((t - from) / long).clamp(0.0, 1.0)).collect()
         };
-        Ok((0..pieces as usize).map(piece).collect())
+        Ok((0..pieces).map(piece).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bias_that_comes_back_has_gone_its_whole_way() {
+        assert_eq!(BiasDrift::range(&[]), 0.0);
+        assert_eq!(BiasDrift::range(&[0.5, -0.2]), 0.5);
+        assert_eq!(BiasDrift::range(&[0.5, -0.75]), 0.75);
     }
 }

@@ -155,12 +155,12 @@ pub fn joint_effort(
     // Every held position, taken back to q = 0.
     let places: Vec<(&Point3<f64>, &f64)> = path.iter().zip(&q).collect();
     let taken_back = in_parallel(&places, |(p, q)| (axis.motion(-*q) * *p).coords);
-    let tool_position = taken_back.into_iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
+    let tool_position = taken_back.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let work = payload.map_or_else(
         || Work::unknown(q.len()),
         |payload| {
             let handle = Point3::from(tool_position);
-            let rigid = Rigid::of(tool, (&index, &q), (joint, &axis), handle);
+            let rigid = Rigid::of(tool, (&index, &q), (joint, &axis), (&taken_back, handle));
             let held = (index.as_slice(), q.as_slice(), rigid.as_ref());
             Work::of(tool, kinematics, held, payload, &axis, &handle)
         },
@@ -300,10 +300,12 @@ impl Work {
                 };
                 (force, at_tcp, turning)
             };
-            // Gravity as the tool lies there, not as the tracker has it.
-            let [specific, rate, angular] = kinematics.at(i);
-            let specific = world_from_ft_sensor.inverse() * (kinematics.rotation[i] * specific);
-            let own = payload.own([specific, rate, angular]);
+            let mut of_tool = kinematics.at(i);
+            if rigid.is_some() {
+                // Gravity as the tool lies there, not as the tracker has it.
+                of_tool[0] = world_from_ft_sensor.inverse() * kinematics.falling[i];
+            }
+            let own = payload.own(of_tool);
             let contact = payload.contact_beside(&own, tool, i);
             let (force, at_tcp, turning) = on_object(contact);
             let (own, _, own_turning) = on_object(own);

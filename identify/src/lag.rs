@@ -24,11 +24,13 @@ pub struct Lag {
 /// As far as streams usually are apart, either way, s: a grasp that gives looks like no more than this.
 pub const USUAL_S: f64 = 0.06;
 /// As far as those are whose clocks nobody has synchronised.
-const FAR_S: f64 = 0.25;
+pub const FAR_S: f64 = 0.25;
+/// Of the squares that no lag leaves, one beyond the usual leaves at most this share: few strokes fit by chance at some far lag.
+const FAR_LEAVES: f64 = 0.25;
 
-/// Scans the lag over +-60 ms, and over +-250 ms when the best lies at the end of that, for the linear model `y` (kept samples,
-/// columns) with normal matrix `gram`, which may hold penalties. `None` when the best lies at the end of the range still or the motion
-/// cannot show it.
+/// Scans the lag over +-60 ms or two samples, and over +-250 ms when the best lies at the end of that, for the linear model `y` (kept
+/// samples, columns) with normal matrix `gram`, which may hold penalties. `None` when the best lies at the end of the range still, two
+/// samples are longer than that, or the motion cannot show it.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
@@ -41,10 +43,11 @@ pub fn scan(
     if 2.0 * motion.period > FAR_S {
         return Ok(None);
     }
-    for range in [USUAL_S, FAR_S] {
+    for (range, leaves) in [(USUAL_S, 1.0), (FAR_S, FAR_LEAVES)] {
         let steps = (range / motion.period).round().max(2.0) as isize;
         match scan_over(motion, y, gram.clone(), steps)? {
-            Scanned::Within(lag) => return Ok(Some(lag)),
+            Scanned::Within(_, share) if share > leaves => return Ok(None),
+            Scanned::Within(lag, _) => return Ok(Some(lag)),
             Scanned::Blind => return Ok(None),
             Scanned::AtTheEnd => {}
         }
@@ -54,7 +57,8 @@ pub fn scan(
 
 /// What a range of lags shows.
 enum Scanned {
-    Within(Lag),
+    /// The lag, and what it leaves of the squares that no lag leaves.
+    Within(Lag, f64),
     /// The best lies at an end of the range.
     AtTheEnd,
     /// The motion cannot show a lag.
@@ -112,11 +116,12 @@ fn scan_over(
     let std_s = (2.0 * variance / curvature).max(0.0).sqrt() * motion.period;
     let value_s = (best as f64 - steps as f64 + offset) * motion.period;
     Ok(if value_s.is_finite() && std_s.is_finite() {
-        Scanned::Within(Lag {
+        let lag = Lag {
             value_s,
             std_s,
             applied: false,
-        })
+        };
+        Scanned::Within(lag, sums[best] / sums[steps as usize])
     } else {
         Scanned::Blind
     })

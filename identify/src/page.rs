@@ -174,6 +174,9 @@ fn sentences(report: &Report) -> Vec<String> {
     }
     if let (Some(error), Some(floor)) = (report.last.held_out_rms, report.last.noise_floor_rms) {
         let quality = match report.last.verdict {
+            Verdict::Explained if error > NOISE_ALONE * floor => {
+                "more than noise, though what is named leaves no more than that without the mechanism"
+            }
             Verdict::Explained => "which is all that the sensors' noise allows",
             Verdict::Unexplained => "more than noise explains: something is missing in the model",
             Verdict::NotIdentifiable => "but the parameters behind it cannot be told apart",
@@ -184,6 +187,9 @@ fn sentences(report: &Report) -> Vec<String> {
     }
     out
 }
+
+/// Above so many times the floor an error is not called noise alone.
+const NOISE_ALONE: f64 = 1.2;
 
 fn fit_data(analysis: &Analysis) -> FitData {
     let FitSeries { time, q, dq, tau } = &analysis.series;

@@ -359,6 +359,13 @@ impl Report {
         if samples.is_some_and(|samples| samples.aside.floor_at_most.is_some()) {
             self.notes.push("the position's noise cannot be told from its motion at this sample rate: the noise floor is taken as what the most flexible model leaves".to_owned());
         }
+        let floor = analysis.floor.rms;
+        if full.bias_drift > floor {
+            self.notes.push(format!(
+                "the sensor's bias goes by {:.3} in the recording, where the noise floor is {floor:.3}: it was fitted beside the rest and is not in the twin",
+                full.bias_drift
+            ));
+        }
         let far = analysis
             .lag
             .filter(|lag| lag.applied && lag.value_s.abs() > USUAL_S);

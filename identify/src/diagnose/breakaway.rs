@@ -1,6 +1,6 @@
 //! How much more it takes to leave rest than to slide: read off the effort while the joint rests, which no fit of the motion sees.
 
-use super::confirm::Confirmation;
+use super::confirm::{Confirmation, shown};
 use super::gates::GIVES;
 use super::model::Found;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
@@ -240,7 +240,15 @@ pub(crate) fn add_stiction(
     let mut pairs = Vec::new();
     for (file, samples) in others {
         let motion = Motion::prepare(samples, settings)?;
-        let model = fit_found(&motion, &found)?;
+        let (Some(model), Some(pair)) = (
+            shown(fit_found(&motion, &found))?,
+            shown(errors(&motion, &found))?,
+        ) else {
+            refuse(format!(
+                "not confirmed on {file}: it does not show the effects apart"
+            ));
+            return Ok(());
+        };
         let there = Breakaway::of(&motion, &found, model.theta.as_slice())?;
         if !there.is_some_and(|there| there.is_stiction()) {
             let excess = there.map_or(f64::NAN, |there| there.excess);
@@ -250,7 +258,7 @@ pub(crate) fn add_stiction(
             ));
             return Ok(());
         }
-        pairs.push(errors(&motion, &found)?);
+        pairs.push(pair);
     }
     for (confirmed, pair) in confirmed.iter_mut().zip(pairs) {
         confirmed.rms.push(pair);

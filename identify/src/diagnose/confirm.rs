@@ -9,7 +9,7 @@ use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::library::kind;
 use crate::effect::slip::SLIP;
-use crate::least_squares::rms;
+use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
 use crate::samples::{JointSamples, extrema};
 
@@ -162,7 +162,7 @@ pub fn confirm(
         }
         let last = with(all.len(), ground, datum)?;
         // A recording that does not show all effects apart by itself says nothing of the inertia.
-        let there = fit_found(&ground.motion, &all).ok();
+        let there = shown(fit_found(&ground.motion, &all))?;
         out.push(Confirmation {
             file: (*file).clone(),
             rms: pairs,
@@ -172,6 +172,14 @@ pub fn confirm(
         });
     }
     Ok(out)
+}
+
+/// A fit, or nothing where the recording does not show all effects apart.
+pub(super) fn shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
+    match fit {
+        Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(None),
+        other => other.map(Some),
+    }
 }
 
 /// Inertias that differ by more than this share of the larger one and by so many standard deviations are of two objects, or loads.
@@ -245,7 +253,18 @@ fn confirm_lag(
     for ((file, samples, ground), shift) in grounds.iter_mut().zip(&mut *shifts) {
         let found = objects(diagnosis);
         let mut there = 0.0;
-        let before = fit_found(&ground.motion, &found)?.held_out_rms;
+        let error = |ground: &Ground| {
+            let fit = shown(fit_found(&ground.motion, &found))?;
+            Ok::<_, DynamicsError>(fit.map(|fit| fit.held_out_rms))
+        };
+        let Some(before) = error(ground)? else {
+            pairs.push([f64::NAN; 2]);
+            failed = Some((
+                format!("not confirmed on {file}: it does not show the effects apart"),
+                [f64::NAN; 2],
+            ));
+            continue;
+        };
         let mut after = before;
         for _ in 0..4 {
             let mut x = ground.columns(&found)?;
@@ -259,7 +278,7 @@ fn confirm_lag(
                 &samples.with_effort_earlier(there),
                 settings,
             )?)?;
-            after = fit_found(&ground.motion, &found)?.held_out_rms;
+            after = error(ground)?.unwrap_or(f64::INFINITY);
             if rest.abs() < 1e-4 {
                 break;
             }

@@ -298,8 +298,14 @@ impl Design {
         self.minimum(&h, &self.right, 1.0, None)
     }
 
-    /// Covariance of the parametric ones of `solution`, by what each stretch of the recording moves them; what is at a bound stays there.
-    pub(super) fn covariance(&self, solution: &DVector<f64>, smoothing: &[f64; 2]) -> DMatrix<f64> {
+    /// Covariance of the parametric ones of `solution`, by what each stretch of the recording moves them; what of the mechanism is at a
+    /// bound stays there.
+    pub(super) fn covariance(
+        &self,
+        motion: &Motion,
+        solution: &DVector<f64>,
+        smoothing: &[f64; 2],
+    ) -> DMatrix<f64> {
         let free: Vec<usize> = (0..solution.len())
             .filter(|&j| j < self.params || self.bounds[j] == Bound::Free || solution[j] != 0.0)
             .collect();
@@ -307,12 +313,13 @@ impl Design {
         let h = h.select_rows(&free).select_columns(&free);
         let residual = &self.tau - &self.y * solution;
         let mut left_out = LeftOut::new(&h, self.params);
-        for block in left_out::blocks(residual.len()) {
+        for block in left_out::blocks(motion) {
             let mut rows = self.y.rows_range(block.clone()).select_columns(&free);
             for (&j, mut column) in free.iter().zip(rows.column_iter_mut()) {
                 column /= self.scale[j];
             }
-            left_out.add(&rows, &residual.rows_range(block).into_owned());
+            left_out.add(&rows, &residual.as_slice()[block]);
+            left_out.leave_out();
         }
         self.unscaled(&left_out.covariance())
     }

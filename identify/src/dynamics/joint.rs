@@ -92,14 +92,14 @@ impl Together {
 }
 
 /// Whether the product of the variances of inertia and friction is smaller in the first than in the second, both being at the same
-/// bounds: a parameter at its bound has no variance, and so no place in the comparison.
+/// bounds: what a parameter at its bound scatters has no place in the comparison.
 fn more_certain(theta: [&DVector<f64>; 2], covariance: [&DMatrix<f64>; 2]) -> bool {
     let [ours, plain] = theta;
     let at_same_bounds = (ours.iter().zip(plain.iter())).all(|(a, b)| (*a == 0.0) == (*b == 0.0));
-    let ratios = (0..RIGID).map(|j| covariance.map(|of| of[(j, j)]));
-    let ratio: f64 = ratios
-        .filter(|[ours, plain]| *ours != 0.0 || *plain != 0.0)
-        .map(|[ours, plain]| ours / plain)
+    let [of_ours, of_plain] = covariance;
+    let ratio: f64 = (0..RIGID)
+        .filter(|j| ours[*j] != 0.0)
+        .map(|j| of_ours[(j, j)] / of_plain[(j, j)])
         .product();
     at_same_bounds && ratio < 1.0
 }
@@ -688,5 +688,14 @@ mod tests {
         assert!(!is([1.1, 0.4, 0.3], 5.0));
         assert!(!is([1.1, 0.0, 0.3], 3.0));
         assert!(!is([1.1, 0.4, 0.3], f64::NAN));
+    }
+
+    #[test]
+    fn what_is_at_a_bound_in_both_is_not_compared() {
+        let theta = DVector::from_row_slice(&[1.0, 0.5, 0.0]);
+        let of = |variances: [f64; 3]| DMatrix::from_diagonal(&DVector::from_row_slice(&variances));
+        let (wide, narrow) = (of([4.0, 4.0, 1e-9]), of([3.9, 3.9, 1.0]));
+        assert!(more_certain([&theta, &theta], [&narrow, &wide]));
+        assert!(!more_certain([&theta, &theta], [&wide, &narrow]));
     }
 }

@@ -17,16 +17,27 @@ use core::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::motion::Motion;
 use crate::products::{crossed, gram};
 
-/// Samples of a block, at the fit's rate: about two seconds, a stroke.
-const BLOCK: usize = 48;
+/// Length of a block, s: a stroke.
+const BLOCK_S: f64 = 2.0;
 /// Of a short recording there are so many, which then are shorter.
 const FEWEST: usize = 10;
 
-/// The blocks of so many samples of the fit.
-pub(super) fn blocks(samples: usize) -> impl Iterator<Item = Range<usize>> {
-    let length = BLOCK.min(samples / FEWEST).max(1);
+/// The blocks of a motion's kept samples.
+pub(super) fn blocks(motion: &Motion) -> impl Iterator<Item = Range<usize>> + use<> {
+    let kept = &motion.kept;
+    let mut steps: Vec<usize> = kept.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_unstable();
+    let step = steps.get(steps.len() / 2).copied().unwrap_or(1);
+    let length = BLOCK_S / (step as f64 * motion.period);
+    cut(kept.len(), length.round() as usize)
+}
+
+/// Blocks of `length` of so many samples.
+fn cut(samples: usize, length: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+    let length = length.min(samples / FEWEST).max(1);
     (0..samples)
         .step_by(length)
         .map(move |from| from..(from + length).min(samples))
@@ -37,6 +48,9 @@ pub(super) struct LeftOut<'a> {
     /// Normal matrix with penalties.
     h: &'a DMatrix<f64>,
     params: usize,
+    /// Of the block that is being added.
+    gram: DMatrix<f64>,
+    asked: DMatrix<f64>,
     moves: Vec<DVector<f64>>,
 }
 
@@ -46,31 +60,40 @@ impl<'a> LeftOut<'a> {
         Self {
             h,
             params,
+            gram: DMatrix::zeros(h.nrows(), h.ncols()),
+            asked: DMatrix::zeros(h.nrows(), 1),
             moves: Vec::new(),
         }
     }
 
-    /// Leaves out a block with rows `z` and residuals.
-    pub(super) fn add(&mut self, z: &DMatrix<f64>, residual: &DVector<f64>) {
-        let asked = crossed(
-            z,
-            &DMatrix::from_column_slice(residual.len(), 1, residual.as_slice()),
-        );
-        let rest = (self.h - gram(z)).cholesky();
+    /// Rows `z` and their residuals are of the block that is left out next.
+    pub(super) fn add(&mut self, z: &DMatrix<f64>, residual: &[f64]) {
+        self.gram += gram(z);
+        self.asked += crossed(z, &DMatrix::from_column_slice(residual.len(), 1, residual));
+    }
+
+    /// Leaves out the block of what was added since the last one.
+    pub(super) fn leave_out(&mut self) {
+        let rest = (self.h - &self.gram).cholesky();
         // What only this block shows is not known without it: then it is weighed less instead of left out.
         let factor = rest.or_else(|| self.h.clone().cholesky());
         if let Some(factor) = factor {
-            let moved = factor.solve(&asked);
+            let moved = factor.solve(&self.asked);
             self.moves
                 .push(moved.column(0).rows(0, self.params).into_owned());
         }
+        self.gram.fill(0.0);
+        self.asked.fill(0.0);
     }
 
     /// Covariance of the parameters, so that 1.96 standard deviations hold as much as Student's distribution does for so few blocks; of
-    /// those, only as many count as share in what moves a parameter.
+    /// those, only as many count as share in what moves a parameter. Infinite where no two blocks could be left out.
     pub(super) fn covariance(&self) -> DMatrix<f64> {
+        if self.moves.len() < 2 {
+            return DMatrix::from_diagonal_element(self.params, self.params, f64::INFINITY);
+        }
         let blocks = self.moves.len() as f64;
-        let mean = self.moves.iter().sum::<DVector<f64>>() / blocks.max(1.0);
+        let mean = self.moves.iter().sum::<DVector<f64>>() / blocks;
         let (mut squares, mut fourths) = (DVector::zeros(self.params), DVector::zeros(self.params));
         let mut out = DMatrix::zeros(self.params, self.params);
         for moved in &self.moves {
@@ -81,11 +104,12 @@ impl<'a> LeftOut<'a> {
             squares += square;
         }
         let wider = squares.zip_map(&fourths, |square: f64, fourth: f64| {
-            // Satterthwaite's freedom; the fourth powers of normal numbers are three on the mean.
-            let freedom = (3.0 * square * square / fourth.max(f64::MIN_POSITIVE)).min(blocks - 1.0);
-            student_over_normal(freedom)
+            // Satterthwaite's freedom. Of normal numbers with variances v the sum of the squares has the square (sum v)^2 + 2 sum v^2 on the
+            // mean, the sum of the fourth powers is 3 sum v^2: three times their ratio is two more than (sum v)^2 / sum v^2.
+            let freedom = 3.0 * square * square / fourth.max(f64::MIN_POSITIVE) - 2.0;
+            student_over_normal(freedom.min(blocks - 1.0))
         });
-        out.component_mul(&(&wider * wider.transpose())) * ((blocks - 1.0) / blocks.max(1.0))
+        out.component_mul(&(&wider * wider.transpose())) * ((blocks - 1.0) / blocks)
     }
 }
 
@@ -114,9 +138,10 @@ mod tests {
         let theta = h.clone().cholesky().unwrap().solve(&y.tr_mul(tau));
         let residual = tau - y * theta;
         let mut left_out = LeftOut::new(&h, y.ncols());
-        for block in blocks(residual.len()) {
+        for block in cut(residual.len(), 48) {
             let rows = y.rows_range(block.clone()).into_owned();
-            left_out.add(&rows, &residual.rows_range(block).into_owned());
+            left_out.add(&rows, &residual.as_slice()[block]);
+            left_out.leave_out();
         }
         left_out.covariance()
     }
@@ -143,7 +168,8 @@ mod tests {
         let (h, all) = (gram(&y), fit(&y, &tau));
         let mut left_out = LeftOut::new(&h, 2);
         let rows = y.rows(0, 7).into_owned();
-        left_out.add(&rows, &(tau.rows(0, 7) - &rows * &all));
+        left_out.add(&rows, (tau.rows(0, 7) - &rows * &all).as_slice());
+        left_out.leave_out();
         let without = fit(&y.rows(7, 23).into_owned(), &tau.rows(7, 23).into_owned());
         assert!((&all - &left_out.moves[0] - without).amax() < 1e-12);
     }
@@ -186,6 +212,35 @@ mod tests {
                 "{pole} {differenced}: {share}"
             );
         }
+    }
+
+    #[test]
+    fn what_two_of_twelve_blocks_decide_is_as_uncertain_as_two() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let h = DMatrix::from_element(1, 1, 1e6);
+        let mut inside = 0;
+        for _ in 0..2000 {
+            let moves: Vec<f64> = (0..12)
+                .map(|k| {
+                    let normal: f64 = StandardNormal.sample(&mut rng);
+                    normal * if k < 2 { 1.0 } else { 1e-3 }
+                })
+                .collect();
+            let mut left_out = LeftOut::new(&h, 1);
+            left_out.moves = moves.iter().map(|m| DVector::from_element(1, *m)).collect();
+            // What the blocks leave over in a fit says nothing of how far it is off.
+            let error: f64 = StandardNormal.sample(&mut rng);
+            let interval = 1.96 * left_out.covariance()[(0, 0)].sqrt();
+            inside += u32::from((2.0_f64.sqrt() * error).abs() < interval);
+        }
+        let share = f64::from(inside) / 2000.0;
+        assert!((0.905..0.97).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn of_one_block_nothing_is_certain() {
+        let h = DMatrix::from_element(1, 1, 1.0);
+        assert_eq!(LeftOut::new(&h, 1).covariance()[(0, 0)], f64::INFINITY);
     }
 
     #[test]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::effect::BiasDrift;
 use crate::filter::{LowPass, second_derivative};
 use crate::mechanism::Mechanism as _;
 use crate::motion::MotionSettings;
@@ -79,7 +80,7 @@ const CLOSER: Object = Object {
 };
 
 #[test]
-fn a_zero_that_drifts_is_not_taken_for_friction() {
+fn a_bias_that_drifts_is_not_taken_for_friction() {
     let mut samples = record(&PLAIN, 40.0, [2e-5, 0.02], 5);
     let drifting = samples.tau.iter_mut().zip(&samples.time);
     drifting.for_each(|(tau, t)| *tau += 0.3 * t / 40.0);
@@ -88,10 +89,7 @@ fn a_zero_that_drifts_is_not_taken_for_friction() {
         let model = fit_with_mechanism(&motion, effects).unwrap();
         (model.value("coulomb").unwrap() / PLAIN.coulomb - 1.0).abs()
     };
-    let (without, with) = (
-        error(&[&RigidBody]),
-        error(&[&RigidBody, &crate::effect::ZeroDrift]),
-    );
+    let (without, with) = (error(&[&RigidBody]), error(&[&RigidBody, &BiasDrift]));
     assert!(with < 2e-3 && 3.0 * with < without, "{with} {without}");
 }
 
@@ -307,6 +305,71 @@ fn the_stated_uncertainty_covers_the_truth() {
     }
     assert!(inside >= 34, "{inside} of 40 within 95 %");
     assert!(square > 0.4, "stated far too wide: {square}");
+}
+
+#[test]
+fn the_joint_fits_stated_uncertainty_covers_the_truth() {
+    let mut squares = [0.0; 3];
+    for seed in 0..24 {
+        // The tracker's noise is what the joint fit is for.
+        let samples = record(&PLAIN, 30.0, [4e-4, 0.05], 150 + seed);
+        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let (_, jointly) = fit_jointly(&motion, &[&RigidBody], f64::INFINITY).unwrap();
+        let terms = jointly.unwrap().terms;
+        for ((term, truth), square) in terms.iter().zip([2.5, 1.2, 0.8]).zip(&mut squares) {
+            let away = (term.value.unwrap() - truth) / term.std.unwrap();
+            *square += away * away / 24.0;
+        }
+    }
+    println!("{squares:.2?}");
+    // Friction is stated 1.4 times as wide as it scatters, and all a little wider for Student's distribution.
+    assert!((0.4..1.6).contains(&squares[0]), "{squares:?}");
+    assert!(
+        squares[1..]
+            .iter()
+            .all(|square| (0.2..1.2).contains(square)),
+        "{squares:?}"
+    );
+}
+
+#[test]
+fn friction_along_one_way_is_not_told_from_a_load() {
+    let samples = record(&PLAIN, 30.0, [2e-5, 0.02], 7);
+    let mut motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let mut model = fit_base(&motion).unwrap();
+    model.withdraw_friction_of_one_way(&motion);
+    assert!(model.value("coulomb").is_some() && model.value("viscous").is_some());
+    let forward = motion.dq.clone();
+    motion.kept.retain(|i| forward[*i] > 0.0);
+    let mut model = fit_base(&motion).unwrap();
+    model.withdraw_friction_of_one_way(&motion);
+    for name in ["coulomb", "viscous"] {
+        assert_eq!(model.value(name), None);
+        let reason = &model.not_identified[name];
+        assert!(
+            reason.contains("0 % of its range") && reason.contains("there and back"),
+            "{reason}"
+        );
+    }
+    assert!(model.value("inertia").is_some());
+}
+
+#[test]
+fn a_long_rest_at_the_end_leaves_the_drift_of_the_bias_known() {
+    let samples = record(&PLAIN, 300.0, [2e-5, 0.02], 6);
+    let mut motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let rests = |t: f64| t > 185.0;
+    let Motion {
+        kept, slides, time, ..
+    } = &mut motion;
+    kept.retain(|i| !rests(time[*i]));
+    slides
+        .iter_mut()
+        .zip(&*time)
+        .for_each(|(slides, t)| *slides &= !rests(*t));
+    let model = fit_with_mechanism(&motion, &[&RigidBody, &BiasDrift]).unwrap();
+    let inertia = model.value("inertia").unwrap();
+    assert!((inertia / PLAIN.inertia - 1.0).abs() < 0.01, "{inertia}");
 }
 
 /// A closer whose damping has an edge at 0.4 and a relief valve at 5 N m, past which a tenth builds up.

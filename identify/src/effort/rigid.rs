@@ -15,6 +15,9 @@ use crate::tool::ToolSamples;
 /// Root mean squares up to which a tool is carried by the joint: m off its path, rad off its orientation.
 const MOST_OFF_M: f64 = 4e-3;
 const MOST_TURNED: f64 = 6e-3;
+/// In each third of the recording the mean is off by at most this share of them: a tracker wanders over seconds, a tool that has turned or slid
+/// in the grasp stays so.
+const STAYS_OFF: f64 = 0.5;
 
 /// A tool that the joint carries.
 pub(super) struct Rigid<'a> {
@@ -26,14 +29,19 @@ pub(super) struct Rigid<'a> {
 
 impl<'a> Rigid<'a> {
     /// Nothing when orientations do not go with the joint, or the tool strays from where the joint carries it; `q` of the samples `index`,
-    /// `position` of the TCP at q = 0.
+    /// `positions` of the TCP taken back to q = 0, and their mean.
     pub(super) fn of(
         tool: &ToolSamples,
         (index, q): (&[usize], &[f64]),
         (joint, axis): (&RefinedJoint, &'a ScrewAxis),
-        position: Point3<f64>,
+        (positions, position): (&[Vector3<f64>], Point3<f64>),
     ) -> Option<Self> {
-        if !joint.uses_rotations || joint.position_rms > MOST_OFF_M {
+        let from_mean = |p: &Vector3<f64>| p - position.coords;
+        let off_path: Vec<Vector3<f64>> = positions.iter().map(from_mean).collect();
+        if !joint.uses_rotations
+            || joint.position_rms > MOST_OFF_M
+            || stays_off(&off_path) > STAYS_OFF * MOST_OFF_M
+        {
             return None;
         }
         let samples: Vec<(usize, f64)> = index.iter().copied().zip(q.iter().copied()).collect();
@@ -49,8 +57,11 @@ impl<'a> Rigid<'a> {
         let count = taken_back.len() as f64;
         let mean = off(&first).into_iter().sum::<Vector3<f64>>() / count;
         let rotation = UnitQuaternion::from_scaled_axis(mean) * first;
-        let square: f64 = off(&rotation).iter().map(Vector3::norm_squared).sum();
-        ((square / count).sqrt() <= MOST_TURNED).then_some(Self {
+        let turned = off(&rotation);
+        let square: f64 = turned.iter().map(Vector3::norm_squared).sum();
+        let carried =
+            (square / count).sqrt() <= MOST_TURNED && stays_off(&turned) <= STAYS_OFF * MOST_TURNED;
+        carried.then_some(Self {
             axis,
             position,
             rotation,
@@ -61,5 +72,32 @@ impl<'a> Rigid<'a> {
     pub(super) fn at(&self, q: f64) -> (Point3<f64>, UnitQuaternion<f64>) {
         let motion = self.axis.motion(q);
         (motion * self.position, motion.rotation * self.rotation)
+    }
+}
+
+/// How far the mean of a third of the recording is off, at most.
+fn stays_off(off: &[Vector3<f64>]) -> f64 {
+    off.chunks(off.len().div_ceil(3).max(1))
+        .map(|third| (third.iter().sum::<Vector3<f64>>() / third.len() as f64).norm())
+        .fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_stays_off_and_what_wanders_does_not() {
+        let turned = |f: fn(usize) -> f64| -> f64 {
+            let off: Vec<Vector3<f64>> = (0..900).map(|i| Vector3::new(0.0, f(i), 0.0)).collect();
+            stays_off(&off)
+        };
+        let step = turned(|i| if i < 450 { -5e-3 } else { 5e-3 });
+        let wander = turned(|i| 5e-3 * (0.2 * i as f64).sin());
+        assert!(
+            step > STAYS_OFF * MOST_TURNED && wander < 1e-3,
+            "{step} {wander}"
+        );
+        assert_eq!(stays_off(&[]), 0.0);
     }
 }

@@ -20,9 +20,9 @@ pub(crate) fn smoothing_hz(rate_hz: f64) -> f64 {
 /// Motion of the sensor frame over the samples of a [`ToolSamples`].
 #[derive(Clone, Debug)]
 pub struct ToolKinematics {
-    /// `world_from_ft_sensor`, not smoothed.
-    pub rotation: Vec<UnitQuaternion<f64>>,
-    /// Gravity minus the acceleration of the sensor's origin, m/s^2, in `ft_sensor`.
+    /// Gravity minus the acceleration of the sensor's origin, m/s^2, in `world`.
+    pub falling: Vec<Vector3<f64>>,
+    /// The same in `ft_sensor`.
     pub specific: Vec<Vector3<f64>>,
     /// Angular rate, rad/s, in `ft_sensor`.
     pub rate: Vec<Vector3<f64>>,
@@ -31,7 +31,7 @@ pub struct ToolKinematics {
 }
 
 impl ToolKinematics {
-    /// Specific force, rate and angular acceleration at sample `i`.
+    /// Gravity minus acceleration, angular rate and angular acceleration at sample `i`, in `ft_sensor`.
     #[must_use]
     pub fn at(&self, i: usize) -> [Vector3<f64>; 3] {
         [self.specific[i], self.rate[i], self.angular[i]]
@@ -47,23 +47,24 @@ impl ToolKinematics {
         let count = tool.time.len();
         let turn = tool.tcp_from_ft_sensor.rotation;
         let arm = tool.tcp_from_ft_sensor.translation.vector;
+        let rotation: Vec<_> = tool.rotation.iter().map(|r| r * turn).collect();
         let mut out = Self {
-            rotation: tool.rotation.iter().map(|r| r * turn).collect(),
+            falling: Vec::with_capacity(count),
             specific: Vec::with_capacity(count),
             rate: Vec::with_capacity(count),
             angular: Vec::with_capacity(count),
         };
         for run in &tool.runs {
-            let rotations = &out.rotation[run.clone()];
+            let rotations = &rotation[run.clone()];
             let origin: Vec<[f64; 3]> = run
                 .clone()
                 .map(|i| (tool.position[i].coords + tool.rotation[i] * arm).into())
                 .collect();
             if run.len() <= filter.edge_samples() + 4 {
-                let still = rotations
-                    .iter()
-                    .map(|r| r.inverse() * Vector3::new(0.0, 0.0, -GRAVITY));
+                let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
+                let still = rotations.iter().map(|r| r.inverse() * gravity);
                 out.specific.extend(still);
+                out.falling.extend(rotations.iter().map(|_| gravity));
                 out.rate.extend(rotations.iter().map(|_| Vector3::zeros()));
                 out.angular
                     .extend(rotations.iter().map(|_| Vector3::zeros()));
@@ -75,12 +76,10 @@ impl ToolKinematics {
             let rate = body_rates(&smooth, tool.period);
             let angular = per_axis(&rate, |x| first_derivative(x, tool.period));
             let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
-            out.specific.extend(
-                acceleration
-                    .iter()
-                    .zip(&smooth)
-                    .map(|(a, r)| r.inverse() * (gravity - a)),
-            );
+            let falling = acceleration.iter().map(|a| gravity - a);
+            out.specific
+                .extend(falling.clone().zip(&smooth).map(|(f, r)| r.inverse() * f));
+            out.falling.extend(falling);
             out.rate.extend(rate);
             out.angular.extend(angular);
         }

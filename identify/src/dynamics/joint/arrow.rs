@@ -177,40 +177,39 @@ impl Eliminated {
             mut border,
             ..
         } = self.arrow;
-        let stride = width + 1;
-        for i in (0..border.ncols()).rev() {
-            let (before, here) = border.as_mut_slice().split_at_mut(i * params);
-            let here = &mut here[..params];
-            here.iter_mut().for_each(|value| *value /= band[i * stride]);
-            for back in 1..=width.min(i) {
-                let link = band[i * stride + back];
-                let there = &mut before[(i - back) * params..][..params];
-                there
-                    .iter_mut()
-                    .zip(&*here)
-                    .for_each(|(a, b)| *a -= link * b);
-            }
-        }
+        back_substitute(&band, width, params, border.as_mut_slice());
         border
     }
 
     /// The coefficients that go with parameters `theta`.
     pub(super) fn coefficients(&self, theta: &DVector<f64>) -> Vec<f64> {
         let arrow = &self.arrow;
-        let stride = arrow.width + 1;
         let mut x: Vec<f64> = arrow
             .border
             .column_iter()
             .zip(&arrow.right)
             .map(|(border, right)| right - border.dot(theta))
             .collect();
-        for i in (0..x.len()).rev() {
-            x[i] /= arrow.band[i * stride];
-            for back in 1..=arrow.width.min(i) {
-                x[i - back] -= arrow.band[i * stride + back] * x[i];
-            }
-        }
+        back_substitute(&arrow.band, arrow.width, 1, &mut x);
         x
+    }
+}
+
+/// Solves the transposed band of `width` for right sides in place; `at_once` numbers of each coefficient lie one after the other.
+fn back_substitute(band: &[f64], width: usize, at_once: usize, right: &mut [f64]) {
+    let stride = width + 1;
+    for i in (0..right.len() / at_once.max(1)).rev() {
+        let (before, here) = right.split_at_mut(i * at_once);
+        let here = &mut here[..at_once];
+        here.iter_mut().for_each(|value| *value /= band[i * stride]);
+        for back in 1..=width.min(i) {
+            let link = band[i * stride + back];
+            let there = &mut before[(i - back) * at_once..][..at_once];
+            there
+                .iter_mut()
+                .zip(&*here)
+                .for_each(|(a, b)| *a -= link * b);
+        }
     }
 }
 

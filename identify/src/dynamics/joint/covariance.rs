@@ -12,9 +12,11 @@ use super::arrow::Eliminated;
 use super::{Place, Problem, position_rows, scale_of, scaled};
 
 /// What all stretches have wrong alike (the mechanism's form, the axis, clocks that drift apart) moves the parameters and does not scatter.
-/// The inertia is known by the shakes' noise; the standard deviations of all others grow by this share, as simulated friction asks for
-/// (`study`, 40 recordings of each of thirteen objects).
+/// The standard deviations of all but the inertia are so many times what scatters, as friction in simulated recordings asks for (`study`, 40
+/// recordings of each of thirteen objects); inertia does not, but where a damper bends, and there the joint fit never stands.
 const SHARED: f64 = 1.4;
+/// Rows that are multiplied at a time; a long rest has many.
+const AT_A_TIME: usize = 2048;
 
 /// What the rows of a stretch leave, and what they have of the parameters beside the curve.
 struct Stretch<'a> {
@@ -25,7 +27,8 @@ struct Stretch<'a> {
     /// Parameters that are not at their bound, and what they are counted in.
     free: &'a [usize],
     scale: &'a DVector<f64>,
-    /// One after the other, of all parameters.
+    of: LeftOut<'a>,
+    /// One after the other, of all parameters, that `of` does not have yet.
     rows: Vec<f64>,
     residual: Vec<f64>,
 }
@@ -56,21 +59,32 @@ impl Stretch<'_> {
         }
         row.iter_mut().for_each(|value| *value *= weight);
         self.residual.push(weight * left);
+        if self.residual.len() == AT_A_TIME {
+            self.hand_over();
+        }
     }
 
-    /// Leaves the stretch out, and begins the next one.
-    fn leave_out(&mut self, of: &mut LeftOut<'_>) {
+    fn hand_over(&mut self) {
+        if self.residual.is_empty() {
+            return;
+        }
         let rows = DMatrix::from_fn(self.residual.len(), self.free.len(), |i, k| {
             self.rows[i * self.theta.len() + self.free[k]] / self.scale[k]
         });
-        of.add(&rows, &DVector::from_column_slice(&self.residual));
+        self.of.add(&rows, &self.residual);
         self.rows.clear();
         self.residual.clear();
+    }
+
+    /// Leaves the stretch out, and begins the next one.
+    fn leave_out(&mut self) {
+        self.hand_over();
+        self.of.leave_out();
     }
 }
 
 impl Problem<'_> {
-    /// Covariance of the effects' parameters at the minimum of `all`; none of what is at its bound.
+    /// Covariance of the effects' parameters at the minimum of `all`; what of the mechanism is at a bound stays there, as in the plain fit.
     pub(super) fn covariance(
         &self,
         at: (&Place, &[[f64; 3]]),
@@ -80,18 +94,19 @@ impl Problem<'_> {
     ) -> DMatrix<f64> {
         let theta = self.minimum(&all);
         let x = all.coefficients(&theta);
-        let free: Vec<usize> = (0..theta.len()).filter(|j| !at_bound[*j]).collect();
+        let free: Vec<usize> = (0..theta.len())
+            .filter(|&j| j < self.linear || !at_bound[j])
+            .collect();
         let scale = scale_of(all.corner()).select_rows(&free);
         let corner = all.corner().select_rows(&free).select_columns(&free);
         let corner = scaled(&corner, &scale);
-        let named = free.iter().take_while(|j| **j < self.linear).count();
-        let mut left_out = LeftOut::new(&corner, named);
         let mut stretch = Stretch {
             x: &x,
             theta: &theta,
             shares: &all.shares(),
             free: &free,
             scale: &scale,
+            of: LeftOut::new(&corner, self.linear),
             rows: Vec::new(),
             residual: Vec::new(),
         };
@@ -115,15 +130,13 @@ impl Problem<'_> {
                     stretch.add(first, curve, params, right, 1.0 / noise);
                 },
             );
-            stretch.leave_out(&mut left_out);
+            stretch.leave_out();
         }
-        let certain = left_out.covariance();
-        let shared = |j: usize| if j == 0 { 1.0 } else { SHARED };
-        let mut out = DMatrix::zeros(self.linear, self.linear);
-        for (i, &row) in free[..named].iter().enumerate() {
-            for (j, &column) in free[..named].iter().enumerate() {
-                let by = shared(row) * shared(column) / (scale[i] * scale[j]);
-                out[(row, column)] = by * certain[(i, j)];
+        let grown = |j: usize| if j == 0 { 1.0 } else { SHARED } / scale[j];
+        let mut out = stretch.of.covariance();
+        for i in 0..self.linear {
+            for j in 0..self.linear {
+                out[(i, j)] *= grown(i) * grown(j);
             }
         }
         out
@@ -133,7 +146,7 @@ impl Problem<'_> {
     fn stretches(&self) -> impl Iterator<Item = Range<usize>> {
         let kept = &self.motion.kept;
         let mut from = 0;
-        blocks(kept.len()).map(move |block| {
+        blocks(self.motion).map(move |block| {
             let to = kept.get(block.end).copied().unwrap_or(self.motion.q.len());
             core::mem::replace(&mut from, to)..to
         })
