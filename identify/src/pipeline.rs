@@ -485,12 +485,6 @@ fn describe(
             "no `grasp` mark and no contact found by the wrench: the whole recording was taken as held".to_owned(),
         );
     }
-    if tool.gaps > 0 {
-        report.notes.push(format!(
-            "{} gaps in the streams; nothing was interpolated across them",
-            tool.gaps
-        ));
-    }
     if !joint.uses_rotations {
         report.notes.push("the tool's rotation does not follow the joint (it turned in the hand or the grasp); positions alone were used".to_owned());
     }

@@ -259,6 +259,13 @@ impl Report {
     /// A report on a joint whose dynamics are not known yet.
     #[must_use]
     pub fn new(input: Input, joint: Joint) -> Self {
+        let notes = match input.gaps {
+            0 => Vec::new(),
+            1 => vec!["a gap in the data; nothing was interpolated across it".to_owned()],
+            gaps => vec![format!(
+                "{gaps} gaps in the data; nothing was interpolated across them"
+            )],
+        };
         Self {
             schema: SCHEMA,
             base: Base {
@@ -286,7 +293,7 @@ impl Report {
             refused: Vec::new(),
             mechanism: None,
             not_identified: BTreeMap::new(),
-            notes: Vec::new(),
+            notes,
             payload: None,
             lag: None,
             nonwork: None,

@@ -39,7 +39,11 @@ pub enum TableError {
         source: csv::Error,
     },
     /// A named column is not there.
-    #[error("{}: no column `{name}`; there are: {}", path.display(), there.join(", "))]
+    #[error("{}: no column `{name}`; {}", path.display(), if there.is_empty() {
+        "the file is empty".to_owned()
+    } else {
+        format!("there are: {}", there.join(", "))
+    })]
     MissingColumn {
         /// The file.
         path: PathBuf,
