@@ -13,7 +13,6 @@ use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, goes_one_way,
     structure,
 };
-use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
 use crate::effect::{BiasDrift, Effect, RigidBody};
@@ -387,9 +386,6 @@ fn with_mechanism(
             left = true;
         }
     }
-    if !left {
-        keep_lines_named(&mut model, diagnosis);
-    }
     model.withdraw_friction_of_one_way(motion);
     model.terms.truncate(3);
     model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
@@ -404,31 +400,6 @@ fn with_mechanism(
         }
     }
     Ok((model, jointly, left))
-}
-
-/// A load that is a straight line can be a named effect's or the mechanism's, and nothing tells which: it is given back to the effect, as much as
-/// that has in the named model.
-fn keep_lines_named(full: &mut EffortModel, diagnosis: &Diagnosis) {
-    let Some(mechanism) = &mut full.mechanism else {
-        return;
-    };
-    let mut at = 3;
-    for effect in &diagnosis.effects {
-        let is_line = [SPRING.name, CONSTANT_LOAD.name].contains(&effect.found.kind.name);
-        for term in effect.found.terms() {
-            let of_named = diagnosis.model.theta.get(at);
-            if let (true, Some(named)) = (is_line && effect.found.datum == 0.0, of_named) {
-                let more = named - full.theta[at];
-                full.theta[at] = *named;
-                if term.0 == "stiffness" {
-                    mechanism.take_line(0.0, more);
-                } else {
-                    mechanism.take_line(more, 0.0);
-                }
-            }
-            at += 1;
-        }
-    }
 }
 
 /// Named effects are left to the mechanism when it does so much better on held-out strokes.
