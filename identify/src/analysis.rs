@@ -13,6 +13,7 @@ use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, goes_one_way,
     structure,
 };
+use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
 use crate::effect::{BiasDrift, Effect, RigidBody};
@@ -386,6 +387,9 @@ fn with_mechanism(
             left = true;
         }
     }
+    if !left {
+        keep_lines_named(&mut model, diagnosis);
+    }
     model.withdraw_friction_of_one_way(motion);
     model.terms.truncate(3);
     model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
@@ -400,6 +404,34 @@ fn with_mechanism(
         }
     }
     Ok((model, jointly, left))
+}
+
+/// A load that is a straight line can be a named effect's or the mechanism's, and nothing tells which: it is given back to the effect, as much as
+/// that has in the named model. The effort within the probed range stays the same.
+fn keep_lines_named(full: &mut EffortModel, diagnosis: &Diagnosis) {
+    let Some(mechanism) = &mut full.mechanism else {
+        return;
+    };
+    let mut at = 3;
+    for found in diagnosis.found() {
+        let is_line = found.shape.is_empty()
+            && found.datum == 0.0
+            && [SPRING.name, CONSTANT_LOAD.name].contains(&found.kind.name);
+        for (term, ..) in found.terms() {
+            if is_line {
+                let named = diagnosis.model.theta[at];
+                let more = named - full.theta[at];
+                full.theta[at] = named;
+                let [constant, slope] = match *term {
+                    "stiffness" => [0.0, more],
+                    _ => [more, 0.0],
+                };
+                // What the effect has more of is taken out of g.
+                mechanism.take_line(constant, slope);
+            }
+            at += 1;
+        }
+    }
 }
 
 /// Named effects are left to the mechanism when it does so much better on held-out strokes.

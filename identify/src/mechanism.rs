@@ -222,6 +222,13 @@ impl SplineMechanism {
         common
     }
 
+    /// Takes a load that is a straight line over the coordinate, `constant + slope q`, out of g.
+    pub fn take_line(&mut self, constant: f64, slope: f64) {
+        for (i, coefficient) in self.load_coefficients.iter_mut().enumerate() {
+            *coefficient -= constant + slope * self.load.centre(i);
+        }
+    }
+
     /// Number of coefficients: load, opening, closing, and two per bend of a valve.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -544,6 +551,25 @@ mod tests {
                 .map(|k| ((there[k] - here[k]) / 1e-5 - linear.damping[(k, j - loads)]).abs())
                 .fold(0.0, f64::max);
             assert!(error < 2e-3, "{j}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_line_that_is_taken_out_is_missing_everywhere() {
+        let motion = motion();
+        let mut mechanism = SplineMechanism::over(&motion);
+        given(&mechanism, &motion);
+        let coefficients: Vec<f64> = (0..mechanism.len())
+            .map(|i| (i as f64).sin().abs())
+            .collect();
+        mechanism.set(&coefficients);
+        let before = mechanism.clone();
+        mechanism.take_line(2.0, -3.0);
+        let [low, high] = before.domain.q;
+        for i in 0..=20 {
+            let q = low + (high - low) * f64::from(i) / 20.0;
+            let missing = before.effort(q, 0.2) - mechanism.effort(q, 0.2);
+            assert!((missing - (2.0 - 3.0 * q)).abs() < 1e-12, "{q}: {missing}");
         }
     }
 
