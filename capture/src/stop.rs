@@ -3,6 +3,7 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -31,4 +32,13 @@ fn ignores_hang_up() -> bool {
         .find_map(|line| line.strip_prefix("SigIgn:"))
         .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
         .is_some_and(|mask| mask & (1 << (SIGHUP - 1)) != 0)
+}
+
+/// A time such as `60s`, `2min` or `1h 30min`, as an argument of a command.
+///
+/// # Errors
+/// What is wrong with it, and what it should look like.
+pub fn duration(text: &str) -> Result<Duration, String> {
+    humantime::parse_duration(text)
+        .map_err(|error| format!("{error}; give a time such as 60s or 5min"))
 }

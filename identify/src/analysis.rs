@@ -10,8 +10,7 @@ use crate::diagnose::{
     diagnose_without, evidence, slopes_of,
 };
 use crate::dynamics::{
-    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, goes_one_way,
-    structure,
+    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
 };
 use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
@@ -83,6 +82,8 @@ pub struct Analysis {
     pub verdict: Verdict,
     /// What is neither modelled nor noise, as a share of the effort (amplitudes): sqrt(held_out^2 - floor^2) / rms(tau).
     pub unexplained_fraction: f64,
+    /// How the motion was prepared.
+    pub settings: MotionSettings,
     /// Samples that the fits used.
     pub used: usize,
     /// Samples taken out, by gate.
@@ -125,6 +126,7 @@ pub fn analyse_confirmed(
     settings: &MotionSettings,
     others: &[(String, JointSamples)],
 ) -> Result<Analysis, DynamicsError> {
+    let settings = &settings.quiet_for(samples)?;
     let (mut diagnosis, mut confirmed) = confirmed_diagnosis(samples, settings, others)?;
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
@@ -142,7 +144,7 @@ pub fn analyse_confirmed(
     let tau = motion.regressor(&motion.tau)?;
     let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
-    if nothing && (diagnosis.effects.is_empty() || goes_one_way(motion)) {
+    if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;
     }
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
@@ -157,6 +159,7 @@ pub fn analyse_confirmed(
         lag,
         verdict,
         unexplained_fraction,
+        settings: *settings,
         used: motion.kept.len(),
         gated: motion.gated.clone(),
         probing: FitSeries {

@@ -25,7 +25,7 @@ use crate::lag::{self, FAR_S, Lag};
 use crate::least_squares::{Bound, FitError, bounded_least_squares, effective_count, rms};
 use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
-use crate::samples::{JointSamples, extrema};
+use crate::samples::JointSamples;
 use attenuation::Taken;
 use design::{Design, LOAD_GRID, MIDDLING};
 use valved::Valved;
@@ -475,13 +475,12 @@ impl EffortModel {
         }
     }
 
-    /// Takes back friction that a damping mechanism may stand in for: at its bound, or known to no better than a fifth.
     /// Takes back friction where the motion goes over few places both ways: along one way it is a load.
     pub fn withdraw_friction_of_one_way(&mut self, motion: &Motion) {
-        if !goes_one_way(motion) {
+        if !motion.goes_one_way() {
             return;
         }
-        let share = both_ways(motion);
+        let share = motion.both_ways();
         for term in &mut self.terms {
             if !["coulomb", "viscous"].contains(&term.name.as_str()) || term.value.is_none() {
                 continue;
@@ -495,6 +494,7 @@ impl EffortModel {
         }
     }
 
+    /// Takes back friction that a damping mechanism may stand in for: at its bound, or known to no better than a fifth.
     fn withdraw_friction(&mut self) {
         for term in &mut self.terms {
             let (Some(value), Some(std)) = (term.value, term.std) else {
@@ -512,29 +512,6 @@ impl EffortModel {
             self.not_identified.insert(term.name.clone(), reason);
         }
     }
-}
-
-/// Whether there are few places over which a motion goes both ways.
-#[must_use]
-pub fn goes_one_way(motion: &Motion) -> bool {
-    both_ways(motion) < LEAST_BOTH_WAYS
-}
-
-/// Friction is known where the motion goes both ways over this share of its range.
-const LEAST_BOTH_WAYS: f64 = 0.15;
-/// Parts of the range in which that is looked at.
-const PARTS: usize = 20;
-
-/// Share of the range of a motion over which its kept samples go both ways.
-fn both_ways(motion: &Motion) -> f64 {
-    let (low, high) = extrema(&motion.at_kept(&motion.q));
-    let mut ways = [[false; 2]; PARTS];
-    for &i in &motion.kept {
-        let part = (motion.q[i] - low) / (high - low) * PARTS as f64;
-        ways[(part as usize).min(PARTS - 1)][usize::from(motion.dq[i] > 0.0)] = true;
-    }
-    let both = ways.iter().filter(|ways| **ways == [true; 2]).count();
-    both as f64 / PARTS as f64
 }
 
 impl JointFit {

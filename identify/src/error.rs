@@ -17,6 +17,9 @@ use crate::track::TrackError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdentifyError {
+    /// A directory in place of a recording.
+    #[error("{} is a directory; name one recording, or identify all of them with --batch {}", .0.display(), .0.display())]
+    Directory(PathBuf),
     /// The recording cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),

@@ -13,8 +13,10 @@
 mod cover;
 mod gate;
 mod kernel;
+mod quiet;
 mod stroke;
 mod turn;
+mod visits;
 
 pub use kernel::SparseColumns;
 pub use stroke::strokes;
@@ -41,6 +43,8 @@ pub struct MotionSettings {
     pub order: usize,
     /// Rate at which regressors are evaluated, Hz; the nearest whole fraction of the recording's own.
     pub work_rate_hz: f64,
+    /// Whether the cut-off may be lowered for a slow motion, see [`MotionSettings::quiet_for`].
+    pub gives_way: bool,
 }
 
 impl Default for MotionSettings {
@@ -50,6 +54,7 @@ impl Default for MotionSettings {
             cutoff_hz: 6.0,
             order: 4,
             work_rate_hz: 200.0,
+            gives_way: true,
         }
     }
 }

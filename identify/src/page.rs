@@ -5,11 +5,11 @@
 use serde::Serialize;
 
 use crate::analysis::{Analysis, FitSeries, Verdict};
-use crate::mechanism::SplineMechanism;
 use crate::pipeline::Identified;
 use crate::report::{Report, with_std};
 use crate::samples::quantile;
 use crate::screw::{JointKind, ScrewAxis};
+use crate::twin::Evaluator;
 
 const TEMPLATE: &str = include_str!("page/page.html");
 /// At most about so many samples per plot.
@@ -24,7 +24,7 @@ struct Data<'a> {
     unit_tau: &'static str,
     fit: Option<FitData>,
     probing: Option<Probing>,
-    mechanism: Option<Curves>,
+    model: Option<Curves>,
     space: Option<Space>,
     autocorrelation: Vec<[f64; 2]>,
 }
@@ -47,6 +47,7 @@ struct Probing {
     dq: Vec<f32>,
 }
 
+/// What the whole twin says over the probed range.
 #[derive(Serialize)]
 struct Curves {
     q: Vec<f32>,
@@ -78,7 +79,9 @@ pub fn page(identified: &Identified) -> Result<String, serde_json::Error> {
         unit_tau: kind.effort_unit(),
         fit: analysis.map(fit_data),
         probing: analysis.map(|analysis| probing(&analysis.probing)),
-        mechanism: analysis.and_then(|a| a.full.mechanism.as_ref().map(|m| curves(m, a))),
+        model: analysis
+            .zip(identified.twin.as_ref())
+            .map(|(analysis, twin)| curves(&twin.evaluator(), analysis)),
         space: identified.axis.as_ref().map(|axis| space(axis, identified)),
         autocorrelation: analysis.map_or_else(Vec::new, autocorrelation),
         report,
@@ -136,11 +139,14 @@ fn sentences(report: &Report) -> Vec<String> {
         out.push(format!("Friction has {}.", friction.join(" and ")));
     }
     if let (Some(first), Some(last)) = (report.effects.first(), report.effects.last()) {
-        let names: Vec<String> = report
-            .effects
-            .iter()
-            .map(|effect| effect.name.replace('_', " "))
-            .collect();
+        let mut names: Vec<String> = Vec::new();
+        for same in report.effects.chunk_by(|a, b| a.name == b.name) {
+            let name = same[0].name.replace('_', " ");
+            names.push(match same.len() {
+                1 => name,
+                count => format!("{name} ({count} times)"),
+            });
+        }
         out.push(format!(
             "Inertia and friction alone leave {:.2} {unit}; what they lack looks like: {}. With that, {:.2} {unit} is left.",
             first.held_out_rms[0],
@@ -245,22 +251,30 @@ fn rounded(value: f64) -> f32 {
     text.parse().unwrap_or(0.0)
 }
 
-fn curves(mechanism: &SplineMechanism, analysis: &Analysis) -> Curves {
-    let [low, high] = mechanism.domain.q;
+fn curves(evaluator: &Evaluator, analysis: &Analysis) -> Curves {
+    let [low, high] = evaluator.domain().q;
     let speeds: Vec<f64> = analysis.series.dq.iter().map(|v| v.abs()).collect();
     let speed = quantile(&speeds, 0.5);
     let q: Vec<f64> = (0..=200)
         .map(|i| low + (high - low) * f64::from(i) / 200.0)
         .collect();
     let each = |f: &dyn Fn(f64) -> f64| q.iter().map(|q| rounded(f(*q))).collect();
+    // How the effort grows from a crawl to that speed.
+    let damping = |q: f64, dq: f64| {
+        let crawl = CRAWL * dq;
+        (evaluator.effort(q, dq, 0.0) - evaluator.effort(q, crawl, 0.0)) / (dq - crawl)
+    };
     Curves {
-        load: each(&|q| mechanism.load(q)),
-        opening: each(&|q| mechanism.damping(q, speed)),
-        closing: each(&|q| mechanism.damping(q, -speed)),
+        load: each(&|q| f64::midpoint(evaluator.rest_band(q)[0], evaluator.rest_band(q)[1])),
+        opening: each(&|q| damping(q, speed)),
+        closing: each(&|q| damping(q, -speed)),
         q: q.iter().map(|q| rounded(*q)).collect(),
         speed,
     }
 }
+
+/// Share of a speed that is a crawl.
+const CRAWL: f64 = 1e-6;
 
 fn space(axis: &ScrewAxis, identified: &Identified) -> Space {
     let step = identified.path.len().div_ceil(1500).max(1);

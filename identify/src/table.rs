@@ -92,6 +92,18 @@ pub enum TableError {
         /// What stands there.
         value: f64,
     },
+    /// A cell is beyond anything that is measured, in these units.
+    #[error("{}: row {row}, column `{column}`: {value:e} is no measured value in s, m, rad, N or N m (below 1e12); mend it or convert the column", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        value: f64,
+    },
     /// Time does not increase.
     #[error("{}: row {row}: time {time} s does not come after {before} s; sort the rows and remove repeated ones", path.display())]
     TimeNotIncreasing {
@@ -117,6 +129,8 @@ pub enum TableError {
 }
 
 const MIN_ROWS: usize = 100;
+/// Nothing in SI units is larger, not even a time since 1970.
+const LARGEST: f64 = 1e12;
 
 /// Reads a table.
 ///
@@ -171,6 +185,14 @@ pub fn read_table(
             })?;
             if !value.is_finite() {
                 return Err(TableError::NotFinite {
+                    path: path.to_owned(),
+                    row,
+                    column: name.clone(),
+                    value: *value,
+                });
+            }
+            if value.abs() > LARGEST {
+                return Err(TableError::TooLarge {
                     path: path.to_owned(),
                     row,
                     column: name.clone(),

@@ -70,7 +70,7 @@ struct Arguments {
     #[arg(long, requires = "record")]
     json: bool,
     /// Stop after this time, such as 10s
-    #[arg(long, value_parser = humantime::parse_duration)]
+    #[arg(long, value_parser = ft_capture::stop::duration)]
     duration: Option<Duration>,
     /// Do not draw: print one screen at the end
     #[arg(long)]

@@ -59,9 +59,15 @@ impl Report {
             self.last.held_out_rms,
             self.last.noise_floor_rms,
         ) {
+            // What effects were named against has their own samples, and stands in their lines.
+            let before = if self.effects.is_empty() {
+                format!("I, mu, b alone {base:.3}; ")
+            } else {
+                String::new()
+            };
             let _ = writeln!(
                 out,
-                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); I, mu, b alone {base:.3}; noise floor {floor:.3}",
+                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); {before}noise floor {floor:.3}",
                 100.0 * self.last.relative_error.unwrap_or(f64::NAN)
             );
         }

@@ -15,7 +15,7 @@ use crate::effect::Column;
 use crate::error::IdentifyError;
 use crate::filter::{LowPass, central_difference, decimate, every};
 use crate::least_squares::{Bound, FitError, rms};
-use crate::motion::strokes;
+use crate::motion::{MotionSettings, strokes};
 use crate::noise::NoiseFloor;
 use crate::samples::JointSamples;
 
@@ -137,6 +137,12 @@ pub fn identify_published(
         structure: Vec::<Structure>::new(),
         verdict,
         unexplained_fraction,
+        settings: MotionSettings {
+            cutoff_hz: recipe.lowpass_hz,
+            order: recipe.lowpass_order,
+            work_rate_hz: samples.rate_hz(),
+            gives_way: false,
+        },
         used: kept.tau.len(),
         gated: [(
             "border",

@@ -175,7 +175,7 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     let floor = Recording::load(&quiet, &TopicMap::default())
         .ok()
         .and_then(|quiet| joint_samples(&quiet, &settings).ok())
-        .and_then(|quiet| simulated_floor(&found, &quiet, &settings));
+        .and_then(|quiet| simulated_floor(&found, &quiet));
     let judged = Judged::of(&draw.truth, &found, floor, seconds);
     if draw.truth.effects.is_empty() && options.confirm {
         let alone = identified(&main, None)?;

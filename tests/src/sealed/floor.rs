@@ -2,7 +2,7 @@
 
 use ft_identify::dynamics::EffortModel;
 use ft_identify::effect::{Effect, RigidBody};
-use ft_identify::motion::{Motion, MotionError, MotionSettings};
+use ft_identify::motion::{Motion, MotionError};
 use ft_identify::pipeline::Identified;
 use ft_identify::samples::JointSamples;
 use nalgebra::{DMatrix, DVector};
@@ -12,17 +12,13 @@ use nalgebra::{DMatrix, DVector};
 ///
 /// A model that is wrong is wrong in both, and leaves the difference that noise makes.
 #[must_use]
-pub fn simulated_floor(
-    found: &Identified,
-    quiet: &JointSamples,
-    settings: &MotionSettings,
-) -> Option<f64> {
+pub fn simulated_floor(found: &Identified, quiet: &JointSamples) -> Option<f64> {
     let analysis = found.analysis.as_ref()?;
     let diagnosis = analysis.diagnosis.as_ref()?;
     let lag = analysis.lag.filter(|lag| lag.applied);
     let quiet = quiet.with_effort_earlier(lag.map_or(0.0, |lag| lag.value_s));
     let noisy = &diagnosis.motion;
-    let mut motion = Motion::prepare(&quiet, settings).ok()?;
+    let mut motion = Motion::prepare(&quiet, &analysis.settings).ok()?;
     let both = motion.q.len().min(noisy.q.len());
     let kept: Vec<usize> = noisy.kept.iter().copied().filter(|i| *i < both).collect();
     motion.kept.clone_from(&kept);

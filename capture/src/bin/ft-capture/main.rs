@@ -79,7 +79,7 @@ struct RecordArguments {
     #[arg(long)]
     force: bool,
     /// Stop after this time, such as 60s or 5min
-    #[arg(long, value_parser = humantime::parse_duration)]
+    #[arg(long, value_parser = ft_capture::stop::duration)]
     duration: Option<Duration>,
     /// Simulation only: 1 in real time through pseudo-terminals, max on the simulated clock
     #[arg(long, value_name = "1|max", default_value = "1", requires = "sim")]

@@ -90,9 +90,10 @@ struct RecordingArguments {
 
 #[derive(Args)]
 struct Common {
-    /// Cut-off of the zero-phase filter for effort and regressors, Hz
-    #[arg(long, default_value_t = MotionSettings::default().cutoff_hz, value_parser = positive)]
-    cutoff_hz: f64,
+    /// Cut-off of the zero-phase filter for effort and regressors, Hz [default: 6, and lower for a motion so slow that the poses' noise hides its
+    /// acceleration]
+    #[arg(long, value_parser = positive)]
+    cutoff_hz: Option<f64>,
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
     #[arg(long)]
     confirm: Vec<PathBuf>,
@@ -307,6 +308,9 @@ fn run_recording(arguments: &RecordingArguments) -> Result<Outcome, IdentifyErro
     let (Some(recording), Some(output)) = (&arguments.recording, &arguments.output) else {
         return Ok(Outcome::Fine);
     };
+    if recording.is_dir() {
+        return Err(IdentifyError::Directory(recording.clone()));
+    }
     let map = TopicMap::from_arguments(arguments.map.iter().map(String::as_str))?;
     refuse_existing(output, &FILES, arguments.common.force)?;
     let progress = Progress::start();
@@ -394,8 +398,8 @@ fn run_track(arguments: &TrackArguments) -> Result<Outcome, IdentifyError> {
     let mut outcome = Outcome::Fine;
     if !arguments.json {
         println!(
-            "{:<28} {:<10} {:>9} {:>6} {:>8}  axis",
-            "track", "kind", "size m", "+- m", "rms mm"
+            "{:<28} {:<10} {:>9} {:>6} {:>8}  {:<22}  point m",
+            "track", "kind", "size m", "+- m", "rms mm", "axis"
         );
     }
     for path in &arguments.tracks {
@@ -457,15 +461,19 @@ fn track_line(name: &str, found: &TrackJoint) -> String {
             1e3 * MOST_OFF_PATH_M
         );
     }
-    let d = found.joint.axis.direction;
-    format!(
-        "{name:<28} {:<10} {what} {size:7.3} {spread:>6} {:8.2}  [{:.3} {:.3} {:.3}]",
+    let three = |v: [f64; 3]| format!("[{:.3} {:.3} {:.3}]", v[0], v[1], v[2]);
+    let axis = &found.joint.axis;
+    // A slide has no place.
+    let point = found
+        .radius
+        .map_or_else(String::new, |_| three(axis.point.coords.into()));
+    let line = format!(
+        "{name:<28} {:<10} {what} {size:7.3} {spread:>6} {:8.2}  {:<22}  {point}",
         found.candidates.kind.name(),
         1e3 * found.joint.position_rms,
-        d.x,
-        d.y,
-        d.z
-    )
+        three(axis.direction.into_inner().into()),
+    );
+    line.trim_end().to_owned()
 }
 
 fn finish(mut identified: Identified, output: &Path, common: &Common) -> Result<(), IdentifyError> {
@@ -501,9 +509,14 @@ fn finish(mut identified: Identified, output: &Path, common: &Common) -> Result<
 }
 
 fn settings(common: &Common) -> MotionSettings {
-    MotionSettings {
-        cutoff_hz: common.cutoff_hz,
-        ..MotionSettings::default()
+    let usual = MotionSettings::default();
+    match common.cutoff_hz {
+        Some(cutoff_hz) => MotionSettings {
+            cutoff_hz,
+            gives_way: false,
+            ..usual
+        },
+        None => usual,
     }
 }
 
