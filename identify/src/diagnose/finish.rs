@@ -247,7 +247,7 @@ impl State {
             .map(|entry| ambiguity(entry.kind, Some(entry.found(&self.ground))))
             .collect();
         // A strut whose rate cannot be seen apart from the weight.
-        let rate_is_hidden = |f: &Found| core::ptr::eq(f.kind, &STRUT) && !f.used[0];
+        let rate_is_hidden = |f: &Found| f.kind.is(&STRUT) && !f.used[0];
         if name == "gravity" && self.effects.iter().any(|(f, _)| rate_is_hidden(f)) {
             alike.retain(|a| a.name != STRUT.name);
             alike.push(ambiguity(&STRUT, None));

@@ -76,7 +76,7 @@ impl State {
 
     /// The best of a kind, when it passes every gate.
     pub(super) fn passing(&self, kind: &Kind, seen: &Look) -> Option<(Ranked, f64)> {
-        let own = |entry: &&Ranked| core::ptr::eq(entry.kind, kind);
+        let own = |entry: &&Ranked| entry.kind.is(kind);
         let entry = seen.ranked.iter().find(own)?;
         let passes = self.why_not(entry, seen).is_none();
         passes.then(|| (entry.clone(), p_value(entry, seen)))

@@ -50,7 +50,7 @@ impl Found {
 
     /// Whether it has the same regressors.
     fn is_same(&self, other: &Self) -> bool {
-        core::ptr::eq(self.kind, other.kind)
+        self.kind.is(other.kind)
             && self.shape == other.shape
             && self.used == other.used
             && self.rigid == other.rigid

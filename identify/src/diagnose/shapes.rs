@@ -10,7 +10,7 @@ use crate::products::dot;
 
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
-const ENOUGH: f64 = 1e-4;
+const ENOUGH: f64 = 1e-5;
 
 /// A shape parameter of one of the effects, with a step of its own size and with limits.
 #[derive(Clone, Copy)]
@@ -218,7 +218,7 @@ pub(super) fn polished(
         };
         let normal = Normal::of(&beside, &best, &jacobian);
         let before = best.square;
-        for _ in 0..4 {
+        for _ in 0..6 {
             let next = stepped(ground, &beside, &best, &free, &normal, damping);
             match next {
                 Some(next) if next.square < best.square => {

@@ -313,7 +313,7 @@ impl State {
                 let numbered = self.effects.iter().enumerate();
                 let there = numbered.filter(|(j, (f, _))| *j != i && f.kind.name == name);
                 name != "time_lag"
-                    && !core::ptr::eq(entry.kind, here)
+                    && !entry.kind.is(here)
                     && there.count() < most_of(entry.kind)
                     && entry.mse < 0.93 * own
             });

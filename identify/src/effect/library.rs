@@ -152,6 +152,13 @@ impl core::fmt::Debug for Kind {
 }
 
 impl Kind {
+    /// Whether it is that kind, in that form. By what it says: a constant has no one address, and which uses of it share one is the
+    /// compiler's choice.
+    #[must_use]
+    pub fn is(&self, other: &Self) -> bool {
+        self.name == other.name && self.shape.len() == other.shape.len()
+    }
+
     /// Number of free numbers: terms, and shapes that are refined.
     #[must_use]
     pub fn freedom(&self) -> usize {

@@ -1,5 +1,8 @@
 use super::*;
 use core::f64::consts::PI;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
 
 fn sine(seconds: f64, rate: f64, amplitude: f64) -> JointSamples {
     let count = (seconds * rate) as usize;
@@ -334,4 +337,62 @@ fn a_joint_that_sticks_turns_when_it_comes_to_rest_unless_noise_forbids_to_look_
     };
     let (quiet, noisy) = (late(1e-5), late(1e-2));
     assert!(quiet + 0.004 < noisy, "{quiet} {noisy}");
+}
+
+#[test]
+fn a_slow_motion_is_smoothed_until_its_noise_hides_no_acceleration() {
+    // Four strokes of so many seconds each and four that are twice as fast: of one kind alone load and inertia are one.
+    let of = |seconds: f64| {
+        let mut samples = sine(6.0 * seconds, 500.0, 0.4);
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let white = Normal::new(0.0, 2e-4).unwrap();
+        let series: Vec<f64> = samples.q.iter().map(|_| white.sample(&mut rng)).collect();
+        for ((q, t), noise) in samples.q.iter_mut().zip(&samples.time).zip(&series) {
+            let strokes = t / seconds;
+            let strokes = strokes + (strokes - 4.0).max(0.0);
+            *q = 0.4 * (1.0 - (PI * strokes).cos()) + noise;
+        }
+        samples.noise_of_q = vec![series];
+        let settings = MotionSettings::default().quiet_for(&samples);
+        settings.unwrap().cutoff_hz
+    };
+    let [slow, quick] = [of(6.0), of(1.0)];
+    assert!((1.5..5.0).contains(&slow), "{slow} Hz");
+    assert!(quick == 6.0, "{quick} Hz");
+}
+
+#[test]
+fn a_cutoff_that_was_asked_for_stays() {
+    let settings = MotionSettings {
+        gives_way: false,
+        ..MotionSettings::default()
+    };
+    let mut samples = sine(24.0, 500.0, 0.4);
+    samples.noise_of_q = vec![
+        samples
+            .q
+            .iter()
+            .enumerate()
+            .map(|(i, _)| 0.01 * (i % 7) as f64)
+            .collect(),
+    ];
+    assert_eq!(settings.quiet_for(&samples).unwrap(), settings);
+    assert!(
+        MotionSettings::default()
+            .quiet_for(&samples)
+            .unwrap()
+            .cutoff_hz
+            < settings.cutoff_hz
+    );
+}
+
+#[test]
+fn three_passes_show_what_time_does() {
+    // One pass one way takes a second.
+    let shows = |seconds: f64| {
+        let motion = Motion::prepare(&sine(seconds, 500.0, 0.4), &MotionSettings::default());
+        motion.unwrap().shows_time()
+    };
+    assert!(!shows(4.2));
+    assert!(shows(8.0));
 }
