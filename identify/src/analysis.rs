@@ -84,6 +84,8 @@ pub struct Analysis {
     pub unexplained_fraction: f64,
     /// How the motion was prepared.
     pub settings: MotionSettings,
+    /// Whether its cut-off was lowered for a slow motion.
+    pub cutoff_lowered: bool,
     /// Samples that the fits used.
     pub used: usize,
     /// Samples taken out, by gate.
@@ -126,7 +128,8 @@ pub fn analyse_confirmed(
     settings: &MotionSettings,
     others: &[(String, JointSamples)],
 ) -> Result<Analysis, DynamicsError> {
-    let settings = &settings.quiet_for(samples)?;
+    let asked = settings;
+    let settings = &asked.quiet_for(samples, others.iter().map(|(_, other)| other))?;
     let (mut diagnosis, mut confirmed) = confirmed_diagnosis(samples, settings, others)?;
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
@@ -160,6 +163,7 @@ pub fn analyse_confirmed(
         verdict,
         unexplained_fraction,
         settings: *settings,
+        cutoff_lowered: settings != asked,
         used: motion.kept.len(),
         gated: motion.gated.clone(),
         probing: FitSeries {
@@ -417,9 +421,8 @@ fn keep_lines_named(full: &mut EffortModel, diagnosis: &Diagnosis) {
     };
     let mut at = 3;
     for found in diagnosis.found() {
-        let is_line = found.shape.is_empty()
-            && found.datum == 0.0
-            && [SPRING.name, CONSTANT_LOAD.name].contains(&found.kind.name);
+        let is_line =
+            found.shape.is_empty() && [SPRING.name, CONSTANT_LOAD.name].contains(&found.kind.name);
         for (term, ..) in found.terms() {
             if is_line {
                 let named = diagnosis.model.theta[at];

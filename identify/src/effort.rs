@@ -114,7 +114,7 @@ pub fn changed_effort(
     Ok(out)
 }
 
-/// Projects every held sample onto the joint and takes the effort; `cutoff_hz` is the fit's, for weighing positions against
+/// Projects every held sample onto the joint and takes the effort; `cutoff_hz` is about the fit's (which may be lowered later), for weighing positions against
 /// orientations by what their noise does to the acceleration.
 ///
 /// # Errors

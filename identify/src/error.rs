@@ -171,7 +171,8 @@ impl IdentifyError {
     pub const fn is_of_arguments(&self) -> bool {
         matches!(
             self,
-            Self::Read(ReadError::Map { .. })
+            Self::Directory(_)
+                | Self::Read(ReadError::Map { .. })
                 | Self::Table(TableError::SameColumn { .. })
                 | Self::Filter(FilterError::Cutoff { .. })
                 | Self::Motion(MotionError::Filter(FilterError::Cutoff { .. }))

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::analysis::{Analysis, FitSeries, Verdict};
 use crate::pipeline::Identified;
+use crate::report::effects::EffectEntry;
 use crate::report::{Report, with_std};
 use crate::samples::quantile;
 use crate::screw::{JointKind, ScrewAxis};
@@ -140,9 +141,13 @@ fn sentences(report: &Report) -> Vec<String> {
     }
     if let (Some(first), Some(last)) = (report.effects.first(), report.effects.last()) {
         let mut names: Vec<String> = Vec::new();
-        for same in report.effects.chunk_by(|a, b| a.name == b.name) {
-            let name = same[0].name.replace('_', " ");
-            names.push(match same.len() {
+        for (k, effect) in report.effects.iter().enumerate() {
+            let same = |other: &&EffectEntry| other.name == effect.name;
+            if report.effects[..k].iter().any(|other| same(&other)) {
+                continue;
+            }
+            let name = effect.name.replace('_', " ");
+            names.push(match report.effects.iter().filter(same).count() {
                 1 => name,
                 count => format!("{name} ({count} times)"),
             });
@@ -154,7 +159,7 @@ fn sentences(report: &Report) -> Vec<String> {
             last.held_out_rms[1]
         ));
     }
-    // Named effects that leave nothing but noise have said it all: what a spring and g(q) can both hold, they share.
+    // Named effects that leave nothing but noise have said it all.
     let said = !report.effects.is_empty() && report.last.verdict == Verdict::Explained;
     if let Some(mechanism) = report.mechanism.as_ref().filter(|_| !said) {
         let [least, most] = mechanism.load_range;

@@ -18,7 +18,6 @@ use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
 use crate::lag::{Lag, USUAL_S};
 use crate::mechanism::{Domain, Mechanism};
-use crate::motion::MotionSettings;
 use crate::paper::PaperFit;
 use crate::payload::Payload;
 use crate::screw::{Candidates, JointKind, ScrewAxis};
@@ -363,15 +362,15 @@ impl Report {
                 format!("errors on {file} are over the {share:.1} % of it at places and speeds that this recording has probed, too")
             });
         }
-        let hz = analysis.settings.cutoff_hz;
-        if analysis.settings.gives_way && hz < MotionSettings::default().cutoff_hz {
+        if analysis.cutoff_lowered {
+            let hz = analysis.settings.cutoff_hz;
             self.notes.push(format!(
                 "the motion is so slow that the poses' noise would hide its acceleration: it was smoothed to {hz:.1} Hz; move faster for a better inertia"
             ));
         }
         let motion = analysis.diagnosis.as_ref().map(|one| &one.motion);
         if motion.is_some_and(|motion| !motion.shows_time()) {
-            self.notes.push("the motion comes to the same places fewer than three times, one way: what changes with time (sensor, friction, payload) was not looked for; go there and back more often".to_owned());
+            self.notes.push("the motion comes to the same places fewer than three times, one way: what changes with time (sensor, friction, payload) was not looked for in the effort; go there and back more often".to_owned());
         }
         let samples = analysis.diagnosis.as_ref().map(|one| &one.samples);
         if samples.is_some_and(|samples| samples.aside.floor_at_most.is_some()) {

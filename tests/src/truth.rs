@@ -258,11 +258,12 @@ fn axis_error(identified: &Identified, truth: &Truth) -> (f64, f64) {
 /// What the true parameters leave of the measured effort, motion and effort through the pipeline's own filters.
 fn true_floor(identified: &Identified, truth: &Truth) -> f64 {
     let samples = &identified.samples;
-    let Ok(mut motion) = Motion::prepare(samples, &MotionSettings::default()) else {
+    let analysis = identified.analysis.as_ref();
+    let settings = analysis.map_or_else(MotionSettings::default, |analysis| analysis.settings);
+    let Ok(mut motion) = Motion::prepare(samples, &settings) else {
         return f64::NAN;
     };
     // Where friction was taken to be unknown it is here, too.
-    let analysis = identified.analysis.as_ref();
     if let Some(diagnosis) = analysis.and_then(|analysis| analysis.diagnosis.as_ref()) {
         let slides = motion.slides.iter_mut().zip(&diagnosis.motion.slides);
         slides.for_each(|(here, there)| *here = *there);

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use ft_identify::analysis::Verdict;
@@ -175,30 +176,32 @@ fn a_confirming_recording_tells_look_alikes_apart() {
 fn few_slow_strokes_are_smoothed_as_far_as_they_need() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mcap");
-    for (scenario, inertia, truth) in [
-        ("sliding_door", 28.0, &[][..]),
-        ("oven_door", 0.9, &["gravity", "spring", "catch"]),
+    for (scenario, percent, inertia, truth) in [
+        ("sliding_door", 42, 28.0, &[][..]),
+        ("oven_door", 36, 0.9, &["gravity", "spring", "catch"]),
     ] {
         let scenario = Scenario::builtin(scenario).unwrap();
         let _ = record_scenario(&scenario, 204, &file);
         let bytes = std::fs::read(&file).unwrap();
-        std::fs::write(&file, &bytes[..bytes.len() * 42 / 100]).unwrap();
+        std::fs::write(&file, &bytes[..bytes.len() * percent / 100]).unwrap();
         let (map, settings) = (TopicMap::default(), MotionSettings::default());
         let found = identify_confirmed(&file, &[], &map, &settings, &mut |_| ()).unwrap();
         let report = &found.report;
         println!("simulated: {}", report.summary());
         let names: Vec<&str> = report.effects.iter().map(|e| e.name).collect();
-        assert_eq!(names, truth);
+        let sorted = |names: &[&str]| {
+            names
+                .iter()
+                .map(ToString::to_string)
+                .collect::<BTreeSet<_>>()
+        };
+        assert_eq!(sorted(&names), sorted(truth));
         let found_inertia = report.term("inertia").unwrap();
         let (value, std) = (found_inertia.value.unwrap(), found_inertia.std.unwrap());
         assert!(
             (value - inertia).abs() < (4.0 * std).max(0.02 * inertia) && std < 0.1 * inertia,
             "{value} +- {std}"
         );
-        let hz = found.analysis.as_ref().unwrap().settings.cutoff_hz;
-        assert_eq!(
-            hz < 6.0,
-            report.notes.iter().any(|n| n.contains("smoothed to"))
-        );
+        assert!(report.notes.iter().any(|note| note.contains("smoothed to")));
     }
 }

@@ -11,9 +11,13 @@ use crate::least_squares::FitError;
 const NEAR_END: f64 = 0.15;
 /// The model with a catch must err so much less than the one with the edge, which has as many numbers.
 const LATCHED_BELOW: f64 = 0.98;
+/// A notch with its centre this close to the closed end, as a share of the range, may be a catch.
+const NEAR_SHUT: f64 = 0.05;
+/// What a catch in place of such a notch may leave more: it has a number less.
+const SHUT_BELOW: f64 = 1.005;
 
 impl State {
-    /// Lets dampers that end near an end of the travel reach it, and a catch take the rest, where that errs less. A search that adds one
+    /// Lets dampers that end near an end of the travel reach it, and a catch take the rest, or what a notch there had, where that errs less. A search that adds one
     /// effect after the other cannot come to it: the edge is there before the catch, and leaves it too little.
     pub(super) fn latch(&mut self) -> Result<(), DynamicsError> {
         let Some(catch) = kind("catch") else {
@@ -27,12 +31,19 @@ impl State {
         if catches >= most_of(catch) || self.bank.iter().all(|c| c.kind.name != catch.name) {
             return Ok(());
         }
-        for i in 0..self.effects.len() {
-            let Some(wider) = to_the_end(&self.effects[i].0, &self.ground.scope()) else {
-                continue;
-            };
+        let scope = self.ground.scope();
+        let wider = |i: usize| Some((i, to_the_end(&self.effects[i].0, &scope)?));
+        let mut trials: Vec<_> = (0..self.effects.len())
+            .filter_map(wider)
+            .map(Some)
+            .collect();
+        // A notch at the closed end may be all that stands in a catch's place.
+        if self.effects.iter().any(|(f, _)| is_shut(f, &scope)) {
+            trials.push(None);
+        }
+        for wider in trials {
             let as_was = self.as_is();
-            match self.latched(i, wider, catch) {
+            match self.latched(wider, catch) {
                 Ok(true) => {
                     self.given_up.clear();
                     return self.search();
@@ -47,15 +58,25 @@ impl State {
         Ok(())
     }
 
-    /// Puts `wider` in the place of effect `i`, and a catch beside it where it passes every gate; whether that errs less.
+    /// Puts `wider` in the place of its effect, and a catch beside it, for a notch at the closed end where there is one, when it passes
+    /// every gate; whether that errs less.
     fn latched(
         &mut self,
-        i: usize,
-        wider: Found,
+        wider: Option<(usize, Found)>,
         catch: &'static Kind,
     ) -> Result<bool, DynamicsError> {
         let before = self.error()?;
-        self.effects[i].0 = wider;
+        if let Some((i, wider)) = wider {
+            self.effects[i].0 = wider;
+        }
+        let count = self.effects.len();
+        let scope = self.ground.scope();
+        self.effects.retain(|(found, _)| !is_shut(found, &scope));
+        let below = if self.effects.len() < count {
+            SHUT_BELOW
+        } else {
+            LATCHED_BELOW
+        };
         self.refine_all()?;
         let seen = self.survey()?.map(|(_, seen)| seen);
         let choice = seen.and_then(|seen| self.passing(catch, &seen));
@@ -64,8 +85,13 @@ impl State {
         };
         self.effects.push((choice.found(&self.ground), p_value));
         self.refine_all()?;
-        Ok(self.error()? < LATCHED_BELOW * before)
+        Ok(self.error()? < below * before)
     }
+}
+
+/// Whether it is a notch at the closed end: on the far side of its centre nothing moves.
+fn is_shut(found: &Found, scope: &Scope<'_>) -> bool {
+    found.kind.name == "detent" && found.shape[0] < scope.q[0] + NEAR_SHUT * scope.range()
 }
 
 /// The damper with the edge that lies near an end of the travel behind that end; nothing when it has none.

@@ -348,11 +348,16 @@ impl Candidate {
     }
 }
 
-/// All grid points of the library on a motion.
+/// What needs a motion that comes to the same places again.
+const OF_TIME: [&str; 3] = ["sensor_drift", "friction_drift", "payload_switch"];
+
+/// All grid points of the library on a motion that may show them.
 pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
     let scope = ground.scope();
+    let shows_time = ground.motion.shows_time();
     let points: Vec<(&'static Kind, Vec<f64>)> = LIBRARY
         .into_iter()
+        .filter(|kind| shows_time || !OF_TIME.contains(&kind.name))
         .flat_map(|kind| {
             (kind.grid)(&scope)
                 .into_iter()

@@ -80,7 +80,7 @@ pub const POSITION_DEPENDENT: Kind = Kind {
     separate: "slow strokes over the whole range, both ways",
 };
 
-/// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up. Looked for where the motion shows what time does.
+/// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up.
 pub const DRIFT: Kind = Kind {
     name: "friction_drift",
     belongs: Belongs::Recording,
@@ -88,9 +88,6 @@ pub const DRIFT: Kind = Kind {
     shape: &[("time", Unit::Time, Search::Factor(1.8))],
     variable: Variable::Time,
     grid: |scope| {
-        if !scope.motion.shows_time() {
-            return Vec::new();
-        }
         let duration = scope.duration();
         geometric(0.07 * duration, 3.0 * duration, 6)
             .into_iter()

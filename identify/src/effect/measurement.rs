@@ -21,7 +21,7 @@ pub const TIME_LAG: Kind = Kind {
     separate: "sharp taps, and a hand-shake in free air: a lag is there too, compliance is not",
 };
 
-/// `tau = inertia ddq` from a time on: something was put in or taken out. Looked for where the motion shows what time does.
+/// `tau = inertia ddq` from a time on: something was put in or taken out.
 pub const PAYLOAD_SWITCH: Kind = Kind {
     name: "payload_switch",
     belongs: Belongs::Recording,
@@ -30,9 +30,6 @@ pub const PAYLOAD_SWITCH: Kind = Kind {
     variable: Variable::Ddq,
     grid: |scope| {
         let motion = scope.motion;
-        if !motion.shows_time() {
-            return Vec::new();
-        }
         let start = motion.time.first().copied().unwrap_or(0.0);
         even(0.1, 0.9, 25)
             .into_iter()
@@ -54,7 +51,7 @@ pub const PAYLOAD_SWITCH: Kind = Kind {
     separate: "the same quick strokes before and after",
 };
 
-/// `tau = rise (1 - exp(-t / time))`: the sensor's zero goes away as it warms up. Looked for where the motion shows what time does.
+/// `tau = rise (1 - exp(-t / time))`: the sensor's zero goes away as it warms up.
 pub const SENSOR_DRIFT: Kind = Kind {
     name: "sensor_drift",
     belongs: Belongs::Recording,
@@ -62,9 +59,6 @@ pub const SENSOR_DRIFT: Kind = Kind {
     shape: &[("time", Unit::Time, Search::Factor(1.8))],
     variable: Variable::Time,
     grid: |scope| {
-        if !scope.motion.shows_time() {
-            return Vec::new();
-        }
         geometric(0.15 * scope.duration(), 10.0 * scope.duration(), 5)
             .into_iter()
             .map(|time| vec![time])

@@ -353,7 +353,7 @@ fn a_slow_motion_is_smoothed_until_its_noise_hides_no_acceleration() {
             *q = 0.4 * (1.0 - (PI * strokes).cos()) + noise;
         }
         samples.noise_of_q = vec![series];
-        let settings = MotionSettings::default().quiet_for(&samples);
+        let settings = MotionSettings::default().quiet_for(&samples, core::iter::empty());
         settings.unwrap().cutoff_hz
     };
     let [slow, quick] = [of(6.0), of(1.0)];
@@ -376,10 +376,13 @@ fn a_cutoff_that_was_asked_for_stays() {
             .map(|(i, _)| 0.01 * (i % 7) as f64)
             .collect(),
     ];
-    assert_eq!(settings.quiet_for(&samples).unwrap(), settings);
+    assert_eq!(
+        settings.quiet_for(&samples, core::iter::empty()).unwrap(),
+        settings
+    );
     assert!(
         MotionSettings::default()
-            .quiet_for(&samples)
+            .quiet_for(&samples, core::iter::empty())
             .unwrap()
             .cutoff_hz
             < settings.cutoff_hz

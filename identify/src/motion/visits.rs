@@ -14,21 +14,29 @@ const LEAST_BOTH_WAYS: f64 = 0.15;
 const LEAST_PASSES: usize = 3;
 
 impl Motion {
-    /// The strokes that pass each part of the range, backward and forward.
-    fn passes(&self) -> [[BTreeSet<usize>; 2]; PARTS] {
+    /// The strokes to which samples in each part of the kept samples' range belong, backward and forward.
+    fn passes(&self, samples: impl Iterator<Item = usize>) -> [[BTreeSet<usize>; 2]; PARTS] {
         let (low, high) = extrema(&self.at_kept(&self.q));
         let mut passes: [[BTreeSet<usize>; 2]; PARTS] = Default::default();
-        for &i in &self.kept {
+        let mut last = None;
+        for i in samples {
             let part = (self.q[i] - low) / (high - low) * PARTS as f64;
-            passes[(part as usize).min(PARTS - 1)][usize::from(self.dq[i] > 0.0)]
-                .insert(self.stroke[i]);
+            let here = (
+                (part as usize).min(PARTS - 1),
+                usize::from(self.dq[i] > 0.0),
+                self.stroke[i],
+            );
+            if last.replace(here) != Some(here) {
+                let (part, way, stroke) = here;
+                passes[part][way].insert(stroke);
+            }
         }
         passes
     }
 
     /// Share of the range over which the kept samples go both ways.
     pub(crate) fn both_ways(&self) -> f64 {
-        let passes = self.passes();
+        let passes = self.passes(self.kept.iter().copied());
         let both = passes
             .iter()
             .filter(|ways| ways.iter().all(|way| !way.is_empty()));
@@ -45,8 +53,10 @@ impl Motion {
     /// place.
     #[must_use]
     pub fn shows_time(&self) -> bool {
+        // The kept samples of a fast stroke are farther apart than the parts.
+        let moving = (0..self.q.len()).filter(|&i| self.slides[i]);
         let most = |ways: &[BTreeSet<usize>; 2]| ways[0].len().max(ways[1].len()) as f64;
-        let passes: Vec<f64> = self.passes().iter().map(most).collect();
+        let passes: Vec<f64> = self.passes(moving).iter().map(most).collect();
         quantile(&passes, 0.5) >= LEAST_PASSES as f64
     }
 }

@@ -143,6 +143,7 @@ pub fn identify_published(
             work_rate_hz: samples.rate_hz(),
             gives_way: false,
         },
+        cutoff_lowered: false,
         used: kept.tau.len(),
         gated: [(
             "border",
