@@ -17,8 +17,8 @@ const NEAR_SHUT: f64 = 0.05;
 const SHUT_BELOW: f64 = 1.005;
 
 impl State {
-    /// Lets dampers that end near an end of the travel reach it, and a catch take the rest, or what a notch there had, where that errs less. A search that adds one
-    /// effect after the other cannot come to it: the edge is there before the catch, and leaves it too little.
+    /// Lets dampers that end near an end of the travel reach it, and a catch take the rest, or what a notch there had, where that errs
+    /// less. A search that adds one effect after the other cannot come to it: the edge is there before the catch, and leaves it too little.
     pub(super) fn latch(&mut self) -> Result<(), DynamicsError> {
         let Some(catch) = kind("catch") else {
             return Ok(());

@@ -339,54 +339,45 @@ fn a_joint_that_sticks_turns_when_it_comes_to_rest_unless_noise_forbids_to_look_
     assert!(quiet + 0.004 < noisy, "{quiet} {noisy}");
 }
 
+/// Four strokes of so many seconds each and four that are twice as fast: of one kind alone load and inertia are one. With noise of 0.2 mrad.
+fn of_two_paces(seconds: f64) -> JointSamples {
+    let mut samples = sine(6.0 * seconds, 500.0, 0.4);
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let white = Normal::new(0.0, 2e-4).unwrap();
+    let series: Vec<f64> = samples.q.iter().map(|_| white.sample(&mut rng)).collect();
+    for ((q, t), noise) in samples.q.iter_mut().zip(&samples.time).zip(&series) {
+        let strokes = t / seconds;
+        let strokes = strokes + (strokes - 4.0).max(0.0);
+        *q = 0.4 * (1.0 - (PI * strokes).cos()) + noise;
+    }
+    samples.noise_of_q = vec![series];
+    samples
+}
+
+fn quiet_hz(settings: MotionSettings, samples: &JointSamples, others: &[JointSamples]) -> f64 {
+    let quiet = settings.quiet_for(samples, others.iter());
+    quiet.unwrap().cutoff_hz
+}
+
 #[test]
 fn a_slow_motion_is_smoothed_until_its_noise_hides_no_acceleration() {
-    // Four strokes of so many seconds each and four that are twice as fast: of one kind alone load and inertia are one.
-    let of = |seconds: f64| {
-        let mut samples = sine(6.0 * seconds, 500.0, 0.4);
-        let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let white = Normal::new(0.0, 2e-4).unwrap();
-        let series: Vec<f64> = samples.q.iter().map(|_| white.sample(&mut rng)).collect();
-        for ((q, t), noise) in samples.q.iter_mut().zip(&samples.time).zip(&series) {
-            let strokes = t / seconds;
-            let strokes = strokes + (strokes - 4.0).max(0.0);
-            *q = 0.4 * (1.0 - (PI * strokes).cos()) + noise;
-        }
-        samples.noise_of_q = vec![series];
-        let settings = MotionSettings::default().quiet_for(&samples, core::iter::empty());
-        settings.unwrap().cutoff_hz
-    };
-    let [slow, quick] = [of(6.0), of(1.0)];
+    let hz = |seconds| quiet_hz(MotionSettings::default(), &of_two_paces(seconds), &[]);
+    let [slow, quick] = [hz(6.0), hz(1.0)];
     assert!((1.5..5.0).contains(&slow), "{slow} Hz");
     assert!(quick == 6.0, "{quick} Hz");
 }
 
 #[test]
-fn a_cutoff_that_was_asked_for_stays() {
-    let settings = MotionSettings {
+fn a_cutoff_that_was_asked_for_or_that_another_recording_needs_stays() {
+    let (slow, short) = (of_two_paces(6.0), of_two_paces(0.7));
+    let asked = MotionSettings {
         gives_way: false,
         ..MotionSettings::default()
     };
-    let mut samples = sine(24.0, 500.0, 0.4);
-    samples.noise_of_q = vec![
-        samples
-            .q
-            .iter()
-            .enumerate()
-            .map(|(i, _)| 0.01 * (i % 7) as f64)
-            .collect(),
-    ];
-    assert_eq!(
-        settings.quiet_for(&samples, core::iter::empty()).unwrap(),
-        settings
-    );
-    assert!(
-        MotionSettings::default()
-            .quiet_for(&samples, core::iter::empty())
-            .unwrap()
-            .cutoff_hz
-            < settings.cutoff_hz
-    );
+    assert!(quiet_hz(asked, &slow, &[]) == 6.0);
+    let alone = quiet_hz(MotionSettings::default(), &slow, &[]);
+    let beside = quiet_hz(MotionSettings::default(), &slow, &[short]);
+    assert!(alone < beside, "{alone} and {beside} Hz");
 }
 
 #[test]
