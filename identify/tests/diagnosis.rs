@@ -479,3 +479,40 @@ fn a_mechanism_that_the_library_has_no_name_for_stays_unexplained() {
     );
     assert_eq!(analysis.verdict, Verdict::Unexplained, "{}", told(found));
 }
+
+#[test]
+fn a_named_spring_keeps_its_numbers_beside_the_mechanism_and_the_effort_is_the_same() {
+    use ft_identify::analysis::analyse;
+    use ft_identify::mechanism::Mechanism as _;
+    let spring = |_: f64, q: f64, _: f64, _: f64| 6.0 + 18.0 * q;
+    let samples = Drawer::with(spring).record(45.0, 11);
+    let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+    let found = analysis.diagnosis.as_ref().unwrap();
+    assert_eq!(names(found), ["spring"], "{}", told(found));
+    let (named, full) = (&found.model.theta, &analysis.full.theta);
+    let terms = ["preload", "stiffness"].map(|name| {
+        let mut terms = found.effects[0].found.terms();
+        3 + terms.position(|(term, ..)| *term == name).unwrap()
+    });
+    let [preload, stiffness] = terms;
+    for k in [preload, stiffness] {
+        assert_eq!(full[k], named[k]);
+    }
+    assert!(
+        (full[stiffness] - 18.0).abs() < 0.5 && (full[preload] - 6.0).abs() < 0.2,
+        "{full}"
+    );
+    let mechanism = analysis.full.mechanism.as_ref().unwrap();
+    for q in [0.1, 0.2, 0.3, 0.4] {
+        for dq in [-0.3, -0.1, 0.1, 0.3] {
+            let line = full[preload] + full[stiffness] * q;
+            let of_model =
+                full[1] * f64::signum(dq) + full[2] * dq + line + mechanism.effort(q, dq);
+            let truth = 3.0 * f64::signum(dq) + 5.0 * dq + 6.0 + 18.0 * q;
+            assert!(
+                (of_model - truth).abs() < 0.15,
+                "{q} {dq}: {of_model} {truth}"
+            );
+        }
+    }
+}

@@ -12,6 +12,7 @@ pub mod soak;
 pub mod stamps;
 pub mod study;
 pub mod swing;
+pub mod terminal;
 pub mod truth;
 
 use std::path::{Path, PathBuf};

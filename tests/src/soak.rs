@@ -12,7 +12,6 @@
 mod account;
 mod player;
 mod process;
-mod terminal;
 
 use std::fmt;
 use std::path::{Path, PathBuf};

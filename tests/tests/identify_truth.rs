@@ -14,7 +14,8 @@ use ft_sim_hw::Scenario;
 use ft_sim_hw::sealed::{SealedDraw, SealedOptions};
 use ft_tests::bias::trials;
 use ft_tests::sealed::Judged;
-use ft_tests::truth::{Comparison, each_of, record_scenario, study, study_of};
+use ft_tests::study::objects;
+use ft_tests::truth::{Comparison, Trial, each_of, record_scenario, study, study_of};
 
 /// From these on inertia is held to 15 %: kg m^2, kg.
 const HEAVY: [f64; 2] = [1.0, 3.0];
@@ -65,6 +66,25 @@ fn friction_at_the_turns_of_a_light_drawer_is_not_taken_for_inertia() {
     println!("simulated, 0.8 kg: inertia {errors:.4?}, mean {mean:+.4}");
     assert_eq!((jobs.len(), errors.len()), (4, 4));
     assert!(mean.abs() < 0.008, "{errors:?}");
+}
+
+/// A drawer whose spring is named beside a mechanism that has a load of its own: nothing tells the two lines apart, and the joint fit
+/// once carried them away from each other until it foretold nothing.
+#[test]
+fn the_joint_fit_of_a_soft_closing_drawer_keeps_to_the_named_spring() {
+    let mut drawers = objects();
+    drawers.retain(|scenario| scenario.name == "drawer_soft");
+    let jobs = each_of(
+        drawers.into_iter().map(Trial::plain).collect(),
+        41_023..41_026,
+    );
+    let results = study_of(&jobs, |_| {});
+    assert_eq!(results.len(), 3);
+    for one in &results {
+        assert!(one.joint_held_out < one.held_out, "{one:?}");
+        let sigmas = one.joint_sigmas[0].unwrap();
+        assert!(sigmas.abs() < 3.5, "{one:?}");
+    }
 }
 
 /// A sealed draw with its two recordings.

@@ -51,6 +51,9 @@ const MOST_SPLINES: usize = 10;
 const VISCOUS: usize = 2;
 /// Inertia, dry and viscous friction are so many parameters.
 const RIGID: usize = 3;
+/// What the parameters are held with where they were, in the units of a diagonal element: a named line and the load's own are the same
+/// effort, and rounding would carry the two away from each other without end.
+const HELD: f64 = 1e-6;
 /// Effort noise that is tried, over the sensor's.
 const NOISES: [f64; 9] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 16.0, 32.0];
 
@@ -229,13 +232,13 @@ impl<'a> Problem<'a> {
             // Each of these is a good part of the memory that an hour takes.
             drop(place);
             if step < 2 {
-                noise = self.likeliest_noise(&effort).unwrap_or(noise);
+                noise = self.likeliest_noise(&effort, &theta).unwrap_or(noise);
             }
             let Some(eliminated) = self.whole(effort, noise) else {
                 return Ok(None);
             };
             let before = theta;
-            theta = self.minimum(&eliminated);
+            theta = self.minimum(&eliminated, &before);
             let x = eliminated.coefficients(&theta);
             drop(eliminated);
             place = self.place(&x, &theta)?;
@@ -444,14 +447,14 @@ impl<'a> Problem<'a> {
     }
 
     /// The effort's noise with which both series are likeliest, the curve and the parameters integrated out.
-    fn likeliest_noise(&self, effort: &Arrow) -> Option<f64> {
+    fn likeliest_noise(&self, effort: &Arrow, before: &DVector<f64>) -> Option<f64> {
         // The mechanism's smoothness is stated in units of the noise too.
         let samples = (self.used.len() + self.start.len() - self.linear) as f64;
         let surprise = |noise: f64| {
             let eliminated = self.whole(effort.clone(), noise)?;
-            let theta = self.minimum(&eliminated);
-            let scale = scale_of(eliminated.corner());
-            let corner = scaled(eliminated.corner(), &scale).cholesky()?.l();
+            let theta = self.minimum(&eliminated, before);
+            let (corner, scale) = held(eliminated.corner());
+            let corner = corner.cholesky()?.l();
             let of_params: f64 = corner
                 .diagonal()
                 .iter()
@@ -471,10 +474,10 @@ impl<'a> Problem<'a> {
             .map(|(noise, _)| noise)
     }
 
-    fn minimum(&self, eliminated: &Eliminated) -> DVector<f64> {
-        let scale = scale_of(eliminated.corner());
-        let h = scaled(eliminated.corner(), &scale);
-        let right = eliminated.right().component_div(&scale);
+    /// The parameters at the minimum, near those `before`.
+    fn minimum(&self, eliminated: &Eliminated, before: &DVector<f64>) -> DVector<f64> {
+        let (h, scale) = held(eliminated.corner());
+        let right = eliminated.right().component_div(&scale) + HELD * before.component_mul(&scale);
         let warm: Vec<bool> = self.start.iter().map(|v| *v != 0.0).collect();
         bounded_quadratic(&h, &right, &self.bounds, Some(&warm)).component_div(&scale)
     }
@@ -511,7 +514,7 @@ impl<'a> Problem<'a> {
             let Some(rest) = self.whole(rest, noise) else {
                 return Ok(None);
             };
-            let theta = self.minimum(&rest);
+            let theta = self.minimum(&rest, &place.theta);
             drop(rest);
             let there = self.place(&all.coefficients(&theta), &theta)?;
             self.filtered_residual(&there).map(Some)
@@ -667,8 +670,14 @@ fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
     (quantile(&variances, 0.5) * TO / (TO - FROM)).sqrt()
 }
 
-fn scale_of(matrix: &DMatrix<f64>) -> DVector<f64> {
-    matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt())
+/// A normal matrix for variables counted in units of `1 / scale`, with [`HELD`] on its diagonal, and the scale.
+fn held(matrix: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let scale = matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt());
+    let mut out = scaled(matrix, &scale);
+    for j in 0..out.nrows() {
+        out[(j, j)] += HELD;
+    }
+    (out, scale)
 }
 
 #[cfg(test)]

@@ -2,35 +2,44 @@
 //! process, beside a bare Zenoh publisher of the same bytes.
 //!
 //! ```text
-//! ours   link thread: reading, stamps -> queue -> publisher thread: CDR, kept for recorders -> Zenoh ─┐
-//! bare   the same thread puts the same bytes at once ──────────────────────────────────────── Zenoh ─┴─► one subscriber process
+//! a device's thread ─► pty ─► ours: link thread: driver, stamps -> queue -> publisher thread: CDR, kept for recorders -> Zenoh ─┐
+//!                  └─► pty ─► bare: a thread that reads the frames and puts as many bytes at once ──────────────────── Zenoh ─┴─► one subscriber
 //! ```
 //!
-//! Both have a session of their own to the same subscriber process, over TCP on this host, with the same settings; both are
-//! fed by one thread with the priority of an acquisition thread, in windows of 400 ms that alternate (ours bare bare ours ...),
-//! so that what the machine does besides meets both alike. A window's p50 and p99 stand for it, the median over the windows
-//! for the rate. Default: 40 windows of each at 1, 4 and 8 kHz, about two minutes.
+//! Both have a session of their own to the same subscriber process, over TCP on this host, with the same settings, and a
+//! pseudo-terminal of their own, read with the priority of an acquisition thread. One thread plays the device, in windows of
+//! 400 ms that alternate (ours bare bare ours ...), so that what the machine does besides meets both alike. A sample's number is
+//! its force, and its age counts from just before its frame is written. A window's p50 and p99 stand for it, the median over the
+//! windows for the rate. Default: 40 windows of each at 1, 4 and 8 kHz, about two minutes.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use ft_capture::channel::Channel;
 use ft_capture::config::Network;
 use ft_capture::ledger::StreamCounters;
-use ft_capture::queues::{Queues, queues};
+use ft_capture::queues::queues;
+use ft_capture::session::link_loop::LinkThread;
 use ft_capture::session::outlets::Outlets;
 use ft_capture::sink::zenoh::ZenohSink;
 use ft_capture::{network, rmw};
+use ft_drivers::bota_serial::{BotaSerial, Config};
+use ft_drivers::link::serial::SerialLink;
+use ft_drivers::options::Startup;
 use ft_drivers::priority::{Duty, prefer_this_thread};
-use ft_drivers::pump::Outlet;
-use ft_drivers::reading::{Quality, Reading, SampleInstant, WrenchReading};
+use ft_drivers::pump::Pump;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_recording::message::{Header, Message, TFMessage, WrenchStamped};
-use ft_wire::frames::Wrench;
-use ft_wire::{Chunk, HostTime};
+use ft_tests::terminal::Terminal;
+use ft_wire::HostTime;
+use ft_wire::bota_serial::{FRAME_LEN, HEADER, Sample, Status, encode};
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
@@ -42,6 +51,12 @@ const ENDPOINTS: [&str; 2] = ["tcp/127.0.0.1:17991", "tcp/127.0.0.1:17992"];
 const KEY: &str = "0/ft/wrench/**";
 /// How many times bare the p50 and the p99 may be.
 const BOUND: f64 = 1.3;
+/// A force is this number at most: what a frame's f32 holds exactly.
+const NUMBERS: usize = 1 << 24;
+/// The device is silent while it plays to the other.
+const LONGEST_SILENCE: Duration = Duration::from_secs(60);
+/// Ends the bare reader.
+const END: f32 = -1.0;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -108,7 +123,10 @@ struct Outcome {
 /// Ours and bare.
 fn measure(rate_hz: u64, windows: usize) -> Result<[Outcome; 2], Failure> {
     let clock = MonotonicClock::anchored_now();
-    let mut feeds = Feeds::open(clock)?;
+    let folder = tempfile::tempdir()?;
+    let mut device = Device::new(folder.path(), clock)?;
+    let [ours, bare] = &device.ports;
+    let (ours, bare) = (Ours::open(ours, clock)?, Bare::open(bare)?);
     let mut child = Command::new(std::env::current_exe()?)
         .arg("--subscribe")
         .stdin(Stdio::piped())
@@ -116,31 +134,37 @@ fn measure(rate_hz: u64, windows: usize) -> Result<[Outcome; 2], Failure> {
         .spawn()?;
     let mut said = BufReader::new(child.stdout.take().ok_or("no output")?).lines();
     said.next().ok_or("the subscriber ended")??;
-    // As an acquisition thread: what was started before it keeps its own priority.
+    // Of no ordinary priority either: what was started before it keeps its own.
     let begins = std::thread::scope(|scope| {
-        let feeding = scope.spawn(|| {
+        let playing = scope.spawn(|| {
             let _ = prefer_this_thread(Duty::Acquisition);
-            feeds.alternate(rate_hz, windows, clock)
+            device.alternate(rate_hz, windows)
         });
-        feeding.join().map_err(|_| "the feeding thread panicked")
+        playing.join().map_err(|_| "the device's thread panicked")
     })??;
     clock.wait_until(clock.now() + Duration::from_millis(300));
     child.stdin.take().ok_or("no input")?.write_all(b"end\n")?;
-    let mut ages: [BTreeMap<i64, f64>; 2] = Default::default();
+    let mut ages: [BTreeMap<usize, f64>; 2] = Default::default();
     for line in said {
         let line = line?;
         let mut fields = line.split(' ');
         let mut field = || fields.next().ok_or("a short line");
-        let (kind, number): (usize, i64) = (field()?.parse()?, field()?.parse()?);
-        ages[kind].insert(number, field()?.parse::<f64>()? * 1e-3);
+        let (kind, number): (usize, usize) = (field()?.parse()?, field()?.parse()?);
+        let sent = device.sent[kind].get(number).ok_or("never sent")?;
+        ages[kind].insert(
+            number,
+            (field()?.parse::<i64>()? - sent.as_nanos()) as f64 * 1e-3,
+        );
     }
     child.wait()?;
-    let next = feeds.close()?;
-    let outcome = |kind: usize| outcome(&begins[kind], next[kind], &ages[kind]);
+    ours.close()?;
+    device.write(1, END);
+    bare.close()?;
+    let outcome = |kind: usize| outcome(&begins[kind], device.sent[kind].len(), &ages[kind]);
     Ok([outcome(0), outcome(1)])
 }
 
-fn outcome(begins: &[i64], next: i64, ages: &BTreeMap<i64, f64>) -> Outcome {
+fn outcome(begins: &[usize], next: usize, ages: &BTreeMap<usize, f64>) -> Outcome {
     let first = begins.get(1).copied().unwrap_or(next);
     let ends = begins.iter().skip(2).chain([&next]);
     let (mut p50, mut p99) = (Vec::new(), Vec::new());
@@ -149,7 +173,7 @@ fn outcome(begins: &[i64], next: i64, ages: &BTreeMap<i64, f64>) -> Outcome {
         p50.push(quantile(&mut of_window, 0.5));
         p99.push(quantile(&mut of_window, 0.99));
     }
-    let sent = usize::try_from(next - first).unwrap_or(0);
+    let sent = next - first;
     Outcome {
         sent,
         lost: sent - ages.range(first..next).count(),
@@ -172,37 +196,161 @@ fn quantile(values: &mut [f64], of: f64) -> f64 {
         .unwrap_or(f64::NAN)
 }
 
-/// Both ways, ready to be fed.
-struct Feeds {
-    sessions: Vec<zenoh::Session>,
-    channel: Channel<Queues>,
-    publisher: std::thread::JoinHandle<(u64, Outlets)>,
-    bare: Publisher<'static>,
-    payload: Vec<u8>,
-    /// The number of the next message, of ours and of bare.
-    next: [i64; 2],
+/// A Bota sensor before both ways.
+struct Device {
+    ports: [PathBuf; 2],
+    terminals: [Terminal; 2],
+    clock: MonotonicClock,
+    /// When each frame was about to be written, by its number.
+    sent: [Vec<HostTime>; 2],
 }
 
-impl Feeds {
-    fn open(clock: MonotonicClock) -> Result<Self, Failure> {
-        let settings = |endpoint: &str| Network {
-            listen: vec![endpoint.to_owned()],
-            ..Network::default()
-        };
-        let [ours, bare] = ENDPOINTS.map(settings);
-        let (ours_session, bare_session) =
-            (network::open(&ours)?.session, network::open(&bare)?.session);
-        let sink = ZenohSink::declare(
-            &ours_session,
-            "latency",
-            &ours,
-            &TFMessage::default(),
+impl Device {
+    fn new(folder: &std::path::Path, clock: MonotonicClock) -> Result<Self, Failure> {
+        let ports = ["ours", "bare"].map(|name| folder.join(name));
+        let [ours, bare] = &ports;
+        let terminals = [Terminal::new(ours)?, Terminal::new(bare)?];
+        Ok(Self {
+            ports,
+            terminals,
             clock,
-        )?;
+            sent: Default::default(),
+        })
+    }
+
+    /// Plays to one, then to the other; the numbers of the first frame of each window. The first window of each is not measured:
+    /// everything is warm after it.
+    fn alternate(&mut self, rate_hz: u64, windows: usize) -> Result<[Vec<usize>; 2], &'static str> {
+        let mut begins: [Vec<usize>; 2] = Default::default();
+        let count = rate_hz * u64::try_from(WINDOW.as_millis()).unwrap_or(0) / 1000;
+        for window in 0..=2 * windows + 1 {
+            let kind = usize::from(matches!(window % 4, 1 | 2));
+            begins[kind].push(self.sent[kind].len());
+            let begin = self.clock.now();
+            for index in 0..count {
+                self.clock
+                    .wait_until(begin + Duration::from_nanos(index * 1_000_000_000 / rate_hz));
+                self.send(kind)?;
+            }
+            // What is under way arrives.
+            self.clock
+                .wait_until(self.clock.now() + Duration::from_millis(20));
+        }
+        Ok(begins)
+    }
+
+    /// The next frame.
+    fn send(&mut self, kind: usize) -> Result<(), &'static str> {
+        let number = self.sent[kind].len();
+        if number >= NUMBERS {
+            return Err("too many frames: take fewer windows");
+        }
+        let at = self.write(kind, number as f32);
+        self.sent[kind].push(at);
+        Ok(())
+    }
+
+    /// A frame with that force; the time before.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the sensor's clock wraps"
+    )]
+    fn write(&self, kind: usize, force: f32) -> HostTime {
+        let frame = encode(&Sample {
+            status: Status(0),
+            force: [force, 2.0, 3.0],
+            torque: [0.1, 0.2, 0.3],
+            timestamp_us: (self.clock.now().as_nanos() / 1000) as u32,
+            temperature_celsius: 25.0,
+        });
+        let at = self.clock.now();
+        self.terminals[kind].write(&frame);
+        at
+    }
+}
+
+/// The service's own parts, from the port to the network.
+struct Ours {
+    session: zenoh::Session,
+    link: JoinHandle<()>,
+    publisher: JoinHandle<(u64, Outlets)>,
+    stop: Arc<AtomicBool>,
+}
+
+fn listening(endpoint: &str) -> Network {
+    Network {
+        listen: vec![endpoint.to_owned()],
+        ..Network::default()
+    }
+}
+
+impl Ours {
+    fn open(port: &std::path::Path, clock: MonotonicClock) -> Result<Self, Failure> {
+        let settings = listening(ENDPOINTS[0]);
+        let session = network::open(&settings)?.session;
+        let sink =
+            ZenohSink::declare(&session, "latency", &settings, &TFMessage::default(), clock)?;
         let (to, ends) = queues(true);
         let items = ends.publisher.ok_or("no queue")?;
         let outlets = Outlets::new(Some(sink), None);
         let publisher = std::thread::spawn(move || outlets.publish_until_closed(&items, clock));
+        let port = port.to_owned();
+        let open = move || {
+            let config = Config {
+                startup: Startup::Listen,
+                ack_timeout: LONGEST_SILENCE,
+                silence_timeout: LONGEST_SILENCE,
+                ..Config::default()
+            };
+            let link = SerialLink::open(&port, config.baud.bps(), clock)?;
+            Ok(Pump::new(BotaSerial::new(config), link))
+        };
+        let counters = Arc::new(StreamCounters::default());
+        let stop = Arc::<AtomicBool>::default();
+        let thread = LinkThread {
+            clock,
+            channel: Channel::new(0, to, Arc::clone(&counters), Duration::ZERO),
+            counters,
+            stop: Arc::clone(&stop),
+        };
+        let link = std::thread::spawn(move || thread.run(open(), open));
+        Ok(Self {
+            session,
+            link,
+            publisher,
+            stop,
+        })
+    }
+
+    fn close(self) -> Result<(), Failure> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.link.join().map_err(|_| "the link thread panicked")?;
+        let (refused, outlets) = self
+            .publisher
+            .join()
+            .map_err(|_| "the publisher panicked")?;
+        drop(outlets);
+        self.session
+            .close()
+            .wait()
+            .map_err(|error| error.to_string())?;
+        match refused {
+            0 => Ok(()),
+            refused => Err(format!("{refused} messages were refused").into()),
+        }
+    }
+}
+
+/// A thread that knows nothing but where a frame ends and where in a message its force is.
+struct Bare {
+    session: zenoh::Session,
+    thread: JoinHandle<Result<(), String>>,
+}
+
+impl Bare {
+    fn open(port: &std::path::Path) -> Result<Self, Failure> {
+        let session = network::open(&listening(ENDPOINTS[1]))?.session;
         let key = rmw::Topic::new(
             "/ft/wrench",
             WrenchStamped::TYPE_NAME,
@@ -210,103 +358,73 @@ impl Feeds {
             rmw::Profile::Jazzy,
         )
         .key_expr(0);
-        let bare = bare_session
+        let publisher = session
             .declare_publisher(key)
             .congestion_control(CongestionControl::Drop)
             .wait()
             .map_err(|error| error.to_string())?;
-        let mut payload = Vec::new();
-        WrenchStamped {
-            header: Header::new(HostTime::EPOCH, "ft_sensor"),
-            ..WrenchStamped::default()
-        }
-        .encode(&mut payload);
-        Ok(Self {
-            sessions: vec![ours_session, bare_session],
-            channel: Channel::new(0, to, Arc::new(StreamCounters::default()), Duration::ZERO),
-            publisher,
-            bare,
-            payload,
-            next: [1, 1],
-        })
+        let port = File::open(port)?;
+        let thread = std::thread::spawn(move || read(port, &publisher));
+        Ok(Self { session, thread })
     }
 
-    /// Feeds one, then the other; the numbers of the first message of each window. The first window of each is not measured:
-    /// everything is warm after it.
-    fn alternate(
-        &mut self,
-        rate_hz: u64,
-        windows: usize,
-        clock: MonotonicClock,
-    ) -> Result<[Vec<i64>; 2], String> {
-        let mut begins: [Vec<i64>; 2] = Default::default();
-        let count = rate_hz * u64::try_from(WINDOW.as_millis()).unwrap_or(0) / 1000;
-        for window in 0..=2 * windows + 1 {
-            let kind = usize::from(matches!(window % 4, 1 | 2));
-            begins[kind].push(self.next[kind]);
-            let begin = clock.now();
-            for index in 0..count {
-                let due = begin + Duration::from_nanos(index * 1_000_000_000 / rate_hz);
-                // The link does not wait for the thread: what comes while the thread is busy came when it was due.
-                let busy = clock.now() >= due;
-                clock.wait_until(due);
-                self.feed(kind, if busy { due } else { clock.now() })?;
-            }
-            // What is under way arrives.
-            clock.wait_until(clock.now() + Duration::from_millis(20));
-        }
-        Ok(begins)
-    }
-
-    /// A last byte came `at`.
-    fn feed(&mut self, kind: usize, at: HostTime) -> Result<(), String> {
-        let number = self.next[kind];
-        self.next[kind] += 1;
-        if kind == 1 {
-            let attachment = rmw::attachment(number, at.as_nanos(), [7; 16]);
-            return self
-                .bare
-                .put(self.payload.as_slice())
-                .attachment(attachment.as_slice())
-                .wait()
-                .map_err(|error| error.to_string());
-        }
-        let reading = WrenchReading {
-            at: SampleInstant {
-                arrival: at,
-                device_ns: None,
-            },
-            wrench: Wrench::new([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]),
-            temperature_celsius: None,
-            quality: Quality::Good,
-            status_bits: 0,
-        };
-        Outlet::<Chunk>::reading(&mut self.channel, Reading::Wrench(reading));
-        Ok(())
-    }
-
-    /// The numbers after the last.
-    fn close(self) -> Result<[i64; 2], Failure> {
-        drop(self.channel);
-        let (refused, outlets) = self
-            .publisher
+    fn close(self) -> Result<(), Failure> {
+        self.thread
             .join()
-            .map_err(|_| "the publisher panicked")?;
-        drop((outlets, self.bare));
-        for session in self.sessions {
-            session.close().wait().map_err(|error| error.to_string())?;
-        }
-        match refused {
-            0 => Ok(self.next),
-            refused => Err(format!("{refused} messages were refused").into()),
-        }
+            .map_err(|_| "the bare reader panicked")??;
+        Ok(self
+            .session
+            .close()
+            .wait()
+            .map_err(|error| error.to_string())?)
     }
 }
 
-/// The other process: a line `KIND NUMBER AGE_NS` for each message, after the end of its input.
+/// Puts a message for each frame until one has the force [`END`].
+fn read(mut port: File, publisher: &Publisher<'_>) -> Result<(), String> {
+    let _ = prefer_this_thread(Duty::Acquisition);
+    let mut payload = Vec::new();
+    WrenchStamped {
+        header: Header::new(HostTime::EPOCH, "ft_sensor"),
+        ..WrenchStamped::default()
+    }
+    .encode(&mut payload);
+    // The wrench is what a message ends with.
+    let at = payload.len() - 6 * size_of::<f64>();
+    let (mut buffer, mut filled) = ([0; 4096], 0);
+    let mut number = 0;
+    loop {
+        filled += port
+            .read(&mut buffer[filled..])
+            .map_err(|error| error.to_string())?;
+        let frames = buffer[..filled].chunks_exact(FRAME_LEN);
+        let rest = frames.remainder().len();
+        for frame in frames {
+            let force = f32::from_le_bytes([frame[3], frame[4], frame[5], frame[6]]);
+            if frame[0] != HEADER || force == END {
+                return if force == END {
+                    Ok(())
+                } else {
+                    Err("no frame".to_owned())
+                };
+            }
+            payload[at..at + 8].copy_from_slice(&f64::from(force).to_le_bytes());
+            number += 1;
+            publisher
+                .put(payload.as_slice())
+                .attachment(rmw::attachment(number, 0, [7; 16]).as_slice())
+                .wait()
+                .map_err(|error| error.to_string())?;
+        }
+        buffer.copy_within(filled - rest..filled, 0);
+        filled = rest;
+    }
+}
+
+/// The other process: a line `KIND NUMBER RECEIVED_NS` for each message, after the end of its input.
 fn subscribe() -> Result<(), Failure> {
     let clock = MonotonicClock::anchored_now();
-    let (sender, ages) = crossbeam_channel::bounded(1 << 22);
+    let (sender, received) = crossbeam_channel::bounded(1 << 22);
     let mut open = Vec::new();
     for (kind, endpoint) in ENDPOINTS.into_iter().enumerate() {
         let session = network::connect(&[endpoint.to_owned()], None)?;
@@ -315,11 +433,8 @@ fn subscribe() -> Result<(), Failure> {
             .declare_subscriber(KEY)
             .callback(move |sample| {
                 let now = clock.now();
-                let attachment = sample.attachment();
-                let said = attachment.and_then(|bytes| rmw::read_attachment(&bytes.to_bytes()));
-                if let Some(said) = said {
-                    let age = now.as_nanos() - said.source_ns;
-                    let _ = sender.try_send((kind, said.sequence, age));
+                if let Ok(message) = WrenchStamped::decode(&sample.payload().to_bytes()) {
+                    let _ = sender.try_send((kind, message.wrench.force.x, now.as_nanos()));
                 }
             })
             .wait()
@@ -331,8 +446,8 @@ fn subscribe() -> Result<(), Failure> {
     println!("ready");
     std::io::stdin().read_line(&mut String::new())?;
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-    for (kind, number, age) in ages.try_iter() {
-        writeln!(out, "{kind} {number} {age}")?;
+    for (kind, number, at) in received.try_iter() {
+        writeln!(out, "{kind} {number} {at}")?;
     }
     out.flush()?;
     Ok(())

@@ -16,7 +16,7 @@ use ft_wire::{
 };
 
 use super::account::{self, Account, Fate, Sent};
-use super::terminal::Terminal;
+use crate::terminal::Terminal;
 
 /// The devices that can be played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::left_out::{LeftOut, blocks};
 use super::arrow::Eliminated;
-use super::{Place, Problem, position_rows, scale_of, scaled};
+use super::{Place, Problem, held, position_rows};
 
 /// What all stretches have wrong alike (the mechanism's form, the axis, clocks that drift apart) moves the parameters and does not scatter.
 /// The standard deviations of all but the inertia are so many times what scatters, as friction in simulated recordings asks for (`study`, 40
@@ -92,14 +92,12 @@ impl Problem<'_> {
         noise: f64,
         at_bound: &[bool],
     ) -> DMatrix<f64> {
-        let theta = self.minimum(&all);
+        let theta = self.minimum(&all, &at.0.theta);
         let x = all.coefficients(&theta);
         let free: Vec<usize> = (0..theta.len())
             .filter(|&j| j < self.linear || !at_bound[j])
             .collect();
-        let scale = scale_of(all.corner()).select_rows(&free);
-        let corner = all.corner().select_rows(&free).select_columns(&free);
-        let corner = scaled(&corner, &scale);
+        let (corner, scale) = held(&all.corner().select_rows(&free).select_columns(&free));
         let mut stretch = Stretch {
             x: &x,
             theta: &theta,

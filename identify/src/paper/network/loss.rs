@@ -164,12 +164,13 @@ impl Piece {
             let (heads, to_heads) = self.damping.ends(count);
             for (i, (dq, tau)) in dq[from..to].iter().zip(&tau[from..to]).enumerate() {
                 let head = 2 * i + usize::from(*dq < 0.0);
-                let rest = load[i] + softplus(heads[head]) * dq - tau;
+                let (c, slope) = softplus_and_slope(heads[head]);
+                let rest = load[i] + c * dq - tau;
                 self.square += f64::from(rest * rest);
                 let by = unit.unwrap_or(0.0) * rest;
                 to_load[i] = by;
                 to_heads[2 * i..2 * i + 2].fill(0.0);
-                to_heads[head] = by * dq * sigmoid(heads[head]);
+                to_heads[head] = by * dq * slope;
             }
             if unit.is_some() {
                 let gradient = &mut self.gradient;
@@ -182,11 +183,15 @@ impl Piece {
 }
 
 pub(super) fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
+    softplus_and_slope(x).0
 }
 
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
+/// `ln(1 + exp x)` and its derivative, without overflow.
+fn softplus_and_slope(x: f32) -> (f32, f32) {
+    let small = (-x.abs()).exp();
+    let rest = small / (1.0 + small);
+    let slope = if x < 0.0 { rest } else { 1.0 - rest };
+    (x.max(0.0) + small.ln_1p(), slope)
 }
 
 #[cfg(test)]

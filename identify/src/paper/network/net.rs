@@ -90,14 +90,17 @@ impl Pass {
             let input = before.last().map_or(input, Vec::as_slice);
             let (weights, biases) = net.layer(k);
             let out = &mut this[0][..self.sizes[k + 1] * count];
-            for sample in out.chunks_exact_mut(biases.len()) {
-                sample.copy_from_slice(biases);
-            }
             let samples = columns(input, self.sizes[k], count);
-            let product = MatMut::from_column_major_slice_mut(out, self.sizes[k + 1], count);
-            matmul(product, Accum::Add, weights, samples, 1.0, Par::Seq);
+            let product = MatMut::from_column_major_slice_mut(&mut *out, self.sizes[k + 1], count);
+            matmul(product, Accum::Replace, weights, samples, 1.0, Par::Seq);
             if k < 2 {
-                Arch::new().dispatch(Tanh(out));
+                Arch::new().dispatch(Tanh { out, biases });
+            } else {
+                for sample in out.chunks_exact_mut(biases.len()) {
+                    for (value, bias) in sample.iter_mut().zip(biases) {
+                        *value += bias;
+                    }
+                }
             }
         }
         &self.out[2][..self.sizes[3] * count]
@@ -127,11 +130,7 @@ impl Pass {
                 1.0,
                 Par::Seq,
             );
-            for sample in to.chunks_exact(outputs) {
-                for (sum, value) in biases.iter_mut().zip(sample) {
-                    *sum += value;
-                }
-            }
+            Arch::new().dispatch(Sums { to, biases });
             if let Some(earlier) = before.last_mut() {
                 let earlier = &mut earlier[..inputs * count];
                 let product = MatMut::from_column_major_slice_mut(&mut *earlier, inputs, count);
@@ -150,16 +149,40 @@ fn columns(values: &[f32], rows: usize, count: usize) -> MatRef<'_, f32> {
     MatRef::from_column_major_slice(&values[..rows * count], rows, count)
 }
 
-/// The hyperbolic tangent of each, compiled for what the processor has.
-struct Tanh<'a>(&'a mut [f32]);
+/// The hyperbolic tangent of each sample and the biases, compiled for what the processor has.
+struct Tanh<'a> {
+    out: &'a mut [f32],
+    biases: &'a [f32],
+}
 
 impl NullaryFnOnce for Tanh<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        for value in self.0 {
-            *value = tanh(*value);
+        for sample in self.out.chunks_exact_mut(self.biases.len()) {
+            for (value, bias) in sample.iter_mut().zip(self.biases) {
+                *value = tanh(*value + bias);
+            }
+        }
+    }
+}
+
+/// Adds the samples' gradients to that of the biases.
+struct Sums<'a> {
+    to: &'a [f32],
+    biases: &'a mut [f32],
+}
+
+impl NullaryFnOnce for Sums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for sample in self.to.chunks_exact(self.biases.len()) {
+            for (sum, value) in self.biases.iter_mut().zip(sample) {
+                *sum += value;
+            }
         }
     }
 }
@@ -203,8 +226,12 @@ mod tests {
     #[test]
     fn the_hyperbolic_tangent_is_right_to_two_millionths() {
         let at: Vec<f32> = (-1000..=1000).map(|i| 0.01 * i as f32).collect();
-        let mut values = at.clone();
-        Arch::new().dispatch(Tanh(&mut values));
+        let mut values: Vec<f32> = at.iter().map(|x| x - 0.5).collect();
+        let out = &mut values;
+        Arch::new().dispatch(Tanh {
+            out,
+            biases: &[0.5],
+        });
         for (x, value) in at.iter().zip(values) {
             assert!((value - x.tanh()).abs() < 2e-6, "{x}: {value} {}", x.tanh());
         }

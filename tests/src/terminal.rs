@@ -9,15 +9,16 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{self, OptionalActions};
 
+/// The device's end.
 #[derive(Debug)]
-pub(super) struct Terminal {
+pub struct Terminal {
     master: Option<OwnedFd>,
     name: PathBuf,
 }
 
 impl Terminal {
     /// A terminal that is known as `name`, plugged in.
-    pub(super) fn new(name: &Path) -> io::Result<Self> {
+    pub fn new(name: &Path) -> io::Result<Self> {
         let mut terminal = Self {
             master: None,
             name: name.to_owned(),
@@ -26,7 +27,8 @@ impl Terminal {
         Ok(terminal)
     }
 
-    pub(super) fn plug_in(&mut self) -> io::Result<()> {
+    /// Its name leads to a new terminal.
+    pub fn plug_in(&mut self) -> io::Result<()> {
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let master = rustix::pty::openpt(flags)?;
         rustix::pty::grantpt(&master)?;
@@ -49,13 +51,14 @@ impl Terminal {
         Ok(())
     }
 
-    pub(super) fn unplug(&mut self) {
+    /// Whoever has the far end open sees it gone.
+    pub fn unplug(&mut self) {
         let _ = std::fs::remove_file(&self.name);
         self.master = None;
     }
 
     /// Whether a program has the far end open.
-    pub(super) fn is_open(&self) -> bool {
+    pub fn is_open(&self) -> bool {
         let Some(master) = &self.master else {
             return false;
         };
@@ -69,7 +72,7 @@ impl Terminal {
     }
 
     /// What the program sent.
-    pub(super) fn read<'a>(&self, buffer: &'a mut [u8]) -> &'a [u8] {
+    pub fn read<'a>(&self, buffer: &'a mut [u8]) -> &'a [u8] {
         let count = self
             .master
             .as_ref()
@@ -78,7 +81,7 @@ impl Terminal {
     }
 
     /// How many of `bytes` there was room for.
-    pub(super) fn write(&self, bytes: &[u8]) -> usize {
+    pub fn write(&self, bytes: &[u8]) -> usize {
         self.master
             .as_ref()
             .and_then(|master| rustix::io::write(master, bytes).ok())
