@@ -15,13 +15,15 @@
 
 use core::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::motion::Motion;
 use crate::products::{crossed, gram};
 
 /// Length of a block, s: a stroke.
 const BLOCK_S: f64 = 2.0;
+/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it.
+const LEFT: f64 = 1e-4;
 /// Of a short recording there are so many, which then are shorter.
 const FEWEST: usize = 10;
 
@@ -43,10 +45,17 @@ fn cut(samples: usize, length: usize) -> impl Iterator<Item = Range<usize>> + us
         .map(move |from| from..(from + length).min(samples))
 }
 
+/// Whether `rest` says of each parameter, beside those before it, at least [`LEFT`] of what `all` say.
+fn shows_all(rest: &Cholesky<f64, Dyn>, all: &Cholesky<f64, Dyn>) -> bool {
+    let [rest, all] = [rest, all].map(|factor| factor.l_dirty().diagonal());
+    (rest.iter().zip(all.iter())).all(|(rest, all)| rest * rest >= LEFT * all * all)
+}
+
 /// Moves of the first parameters by what was left out.
 pub(super) struct LeftOut<'a> {
-    /// Normal matrix with penalties.
+    /// Normal matrix with penalties, and its factor.
     h: &'a DMatrix<f64>,
+    whole: Option<Cholesky<f64, Dyn>>,
     params: usize,
     /// Of the block that is being added.
     gram: DMatrix<f64>,
@@ -59,6 +68,7 @@ impl<'a> LeftOut<'a> {
     pub(super) fn new(h: &'a DMatrix<f64>, params: usize) -> Self {
         Self {
             h,
+            whole: h.clone().cholesky(),
             params,
             gram: DMatrix::zeros(h.nrows(), h.ncols()),
             asked: DMatrix::zeros(h.nrows(), 1),
@@ -76,8 +86,8 @@ impl<'a> LeftOut<'a> {
     pub(super) fn leave_out(&mut self) {
         let rest = (self.h - &self.gram).cholesky();
         // What only this block shows is not known without it: then it is weighed less instead of left out.
-        let factor = rest.or_else(|| self.h.clone().cholesky());
-        if let Some(factor) = factor {
+        let rest = rest.filter(|rest| self.whole.as_ref().is_none_or(|all| shows_all(rest, all)));
+        if let Some(factor) = rest.as_ref().or(self.whole.as_ref()) {
             let moved = factor.solve(&self.asked);
             self.moves
                 .push(moved.column(0).rows(0, self.params).into_owned());
@@ -172,6 +182,19 @@ mod tests {
         left_out.leave_out();
         let without = fit(&y.rows(7, 23).into_owned(), &tau.rows(7, 23).into_owned());
         assert!((&all - &left_out.moves[0] - without).amax() < 1e-12);
+    }
+
+    #[test]
+    fn a_parameter_that_one_block_alone_shows_does_not_blur_the_others() {
+        let mut rng = ChaCha8Rng::seed_from_u64(12);
+        let tau = DVector::from_fn(480, |_, _| StandardNormal.sample(&mut rng));
+        let y = DMatrix::from_fn(480, 2, |i, j| match (j, i) {
+            (0, _) | (1, 48..96) => 1.0,
+            _ => 1e-5 * (1.0 + 0.1 * (i as f64).sin()),
+        });
+        let alone = covariance(&y.columns(0, 1).into_owned(), &tau)[(0, 0)];
+        let beside = covariance(&y, &tau)[(0, 0)];
+        assert!(beside < 2.0 * alone, "{beside} {alone}");
     }
 
     /// Share of 300 draws of noise that a filter with memory `pole` makes of white noise and of its differences, if `differenced`, in
