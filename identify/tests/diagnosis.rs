@@ -490,11 +490,10 @@ fn a_named_spring_keeps_its_numbers_beside_the_mechanism_and_the_effort_is_the_s
     let found = analysis.diagnosis.as_ref().unwrap();
     assert_eq!(names(found), ["spring"], "{}", told(found));
     let (named, full) = (&found.model.theta, &analysis.full.theta);
-    let terms = ["preload", "stiffness"].map(|name| {
+    let [preload, stiffness] = ["preload", "stiffness"].map(|name| {
         let mut terms = found.effects[0].found.terms();
         3 + terms.position(|(term, ..)| *term == name).unwrap()
     });
-    let [preload, stiffness] = terms;
     for k in [preload, stiffness] {
         assert_eq!(full[k], named[k]);
     }

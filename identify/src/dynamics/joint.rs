@@ -477,13 +477,15 @@ impl<'a> Problem<'a> {
     /// The parameters at the minimum, near those `before`.
     fn minimum(&self, eliminated: &Eliminated, before: &DVector<f64>) -> DVector<f64> {
         let (h, scale) = held(eliminated.corner());
-        // What these equations do not have at all is none here.
-        let held = |(before, scale): (&f64, &f64)| {
-            let there = *scale > f64::MIN_POSITIVE.sqrt();
-            if there { HELD * before * scale } else { 0.0 }
-        };
-        let held = DVector::from_iterator(scale.len(), before.iter().zip(&scale).map(held));
-        let right = eliminated.right().component_div(&scale) + held;
+        // What these equations do not have at all is not held to what it was, and comes out as none.
+        let known = scale.map(|scale| {
+            if scale > f64::MIN_POSITIVE.sqrt() {
+                scale
+            } else {
+                0.0
+            }
+        });
+        let right = eliminated.right().component_div(&scale) + HELD * before.component_mul(&known);
         let warm: Vec<bool> = self.start.iter().map(|v| *v != 0.0).collect();
         bounded_quadratic(&h, &right, &self.bounds, Some(&warm)).component_div(&scale)
     }

@@ -22,10 +22,10 @@ use crate::products::{crossed, gram};
 
 /// Length of a block, s: a stroke.
 const BLOCK_S: f64 = 2.0;
-/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it.
-const LEFT: f64 = 1e-4;
 /// Of a short recording there are so many, which then are shorter.
 const FEWEST: usize = 10;
+/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it.
+const LEFT: f64 = 1e-4;
 
 /// The blocks of a motion's kept samples.
 pub(super) fn blocks(motion: &Motion) -> impl Iterator<Item = Range<usize>> + use<> {
