@@ -5,22 +5,26 @@
 //! slide. What does no work (forces across the path, moments across the axis) is reported: it grows when the axis is wrong.
 
 mod coordinate;
+mod lead;
 mod rigid;
 
 use core::ops::Range;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
+use crate::dynamics::fit_with_mechanism;
+use crate::effect::RigidBody;
+use crate::grasp::Grasp;
 use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
-use crate::motion::MotionError;
-use crate::parallel::in_parallel;
+use crate::motion::{Motion, MotionError, MotionSettings};
+use crate::parallel::{both, in_parallel};
 use crate::payload::{Payload, Since};
 use crate::samples::{Aside, Change, JointSamples, Lean, opening_sign};
 use crate::screw::{JointKind, PoseSamples, ScrewAxis, perpendiculars};
-use crate::tool::{ToolKinematics, ToolSamples};
+use crate::tool::{GRAVITY, ToolKinematics, ToolSamples};
 use coordinate::Coordinate;
-use rigid::Rigid;
+use rigid::{Grip, Rigid};
 
 /// Root mean squares of the part of the contact wrench that does no work.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -38,7 +42,7 @@ pub struct NonWork {
 pub struct JointEffort {
     /// Coordinate and effort.
     pub samples: JointSamples,
-    /// The axis with its final sense; `point` is the foot of the perpendicular from the first retained position.
+    /// The axis with its final sense; `point` is the foot of the perpendicular from the tool at q = 0.
     pub axis: ScrewAxis,
     /// Where the tool holds the part at q = 0, m.
     pub tool_position: Point3<f64>,
@@ -81,24 +85,24 @@ pub fn kinematic_track(tool: &ToolSamples, held: &[Range<usize>], rate_hz: f64) 
     track
 }
 
-/// As [`joint_effort`]; a mass that was put on the tool, or a drift of the sensor, that free air `after` the release shows is
-/// taken out of the effort, and told in the samples.
+/// As [`joint_effort`]; a mass that was put on the tool, or a drift of the sensor, that free air after the release shows is taken
+/// out of the effort, and told in the samples.
 ///
 /// # Errors
 /// When the poses cannot be filtered.
 pub fn changed_effort(
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
-    [held, after]: [&[Range<usize>]; 2],
+    grasp: &Grasp,
     joint: &RefinedJoint,
     payload: Option<&Payload>,
-    cutoff_hz: f64,
+    settings: &MotionSettings,
 ) -> Result<JointEffort, MotionError> {
-    let effort = |payload| joint_effort(tool, kinematics, held, joint, payload, cutoff_hz);
+    let effort = |payload| joint_effort(tool, kinematics, grasp, joint, payload, settings);
     let Some(payload) = payload else {
         return effort(None);
     };
-    let (changed, since) = payload.after_release(tool, kinematics, after);
+    let (changed, since) = payload.after_release(tool, kinematics, &grasp.free_after);
     let (name, size) = match since {
         Since::Nothing => return effort(Some(payload)),
         Since::Mass(mass) => ("tool_mass", mass),
@@ -114,78 +118,97 @@ pub fn changed_effort(
     Ok(out)
 }
 
-/// Projects every held sample onto the joint and takes the effort; `cutoff_hz` is about the fit's (which may be lowered later), for weighing positions against
-/// orientations by what their noise does to the acceleration.
+/// Projects every held sample onto the joint and takes the effort; `settings` are the fit's (whose cut-off may be lowered later): positions are weighed
+/// against orientations by what their noise does to the acceleration below the cut-off.
 ///
 /// # Errors
 /// When the poses cannot be filtered.
 pub fn joint_effort(
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
-    held: &[Range<usize>],
+    grasp: &Grasp,
     joint: &RefinedJoint,
     payload: Option<&Payload>,
-    cutoff_hz: f64,
+    settings: &MotionSettings,
 ) -> Result<JointEffort, MotionError> {
-    let index: Vec<usize> = held.iter().flat_map(Clone::clone).collect();
+    let index: Vec<usize> = grasp.held.iter().flat_map(Clone::clone).collect();
     let path: Vec<Point3<f64>> = index.iter().map(|&i| tool.position[i]).collect();
     let mut runs = Vec::new();
     let mut next = 0;
-    for run in held {
+    for run in &grasp.held {
         runs.push(next..next + run.len());
         next += run.len();
     }
-    let coordinate = Coordinate::of(tool, &index, &path, &runs, joint, cutoff_hz)?;
-    let sense = opening_sign(&coordinate.q);
+    let coordinate = Coordinate::of(tool, &index, &path, &runs, joint, settings.cutoff_hz)?;
+    let lead = lead::lead(tool, grasp, &joint.axis);
+    let start = coordinate.q.first().copied().unwrap_or(0.0);
+    let all: Vec<f64> = lead
+        .iter()
+        .map(|q| start + q)
+        .chain(coordinate.q.iter().copied())
+        .collect();
+    let sense = opening_sign(&all);
     let mut axis = if sense < 0.0 {
         joint.axis.reversed()
     } else {
         joint.axis
     };
+    let origin = all.first().copied().unwrap_or(0.0);
+    let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
     if let Some(first) = path.first() {
         let along = axis.direction.into_inner() * axis.direction.dot(&(first - axis.point));
         axis.point = if axis.kind == JointKind::Prismatic {
-            *first
+            first - axis.direction.into_inner() * q.first().copied().unwrap_or(0.0)
         } else {
             axis.point + along
         };
     }
-    let origin = coordinate.q.first().copied().unwrap_or(0.0);
-    let q: Vec<f64> = coordinate.q.iter().map(|q| sense * (q - origin)).collect();
     // Every held position, taken back to q = 0.
     let places: Vec<(&Point3<f64>, &f64)> = path.iter().zip(&q).collect();
     let taken_back = in_parallel(&places, |(p, q)| (axis.motion(-*q) * *p).coords);
     let tool_position = taken_back.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
-    let work = payload.map_or_else(
-        || Work::unknown(q.len()),
-        |payload| {
-            let handle = Point3::from(tool_position);
-            let rigid = Rigid::of(tool, (&index, &q), (joint, &axis), (&taken_back, handle));
-            let held = (index.as_slice(), q.as_slice(), rigid.as_ref());
-            Work::of(tool, kinematics, held, payload, &axis, &handle)
-        },
-    );
-    let samples = JointSamples {
+    let mut samples = JointSamples {
         kind: axis.kind,
         period: tool.period,
         runs,
         time: index.iter().map(|&i| tool.time[i]).collect(),
         q,
-        tau: work.tau,
+        tau: Vec::new(),
         noise_of_q: coordinate.noise,
         aside: Aside {
-            across: work.across,
-            tool: work.own,
-            tool_inertia: work.tool_inertia,
             lean: lean(&axis, tool_position, joint.direction_std),
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
-            change: None,
-            floor_at_most: None,
-            slips_left_in: false,
             beside: coordinate.beside,
+            ..Aside::default()
         },
     };
+    let work = match payload {
+        None => Work::unknown(samples.len()),
+        Some(payload) => {
+            let handle = Point3::from(tool_position);
+            let (held, q) = (samples.runs.as_slice(), samples.q.as_slice());
+            let places = (&taken_back[..], handle);
+            let grip = Grip::of(tool, (&index, held, q), (joint, &axis), places)?;
+            let work = |rigid: Option<&Rigid<'_>>| {
+                let held = (index.as_slice(), q, rigid);
+                Work::of(tool, kinematics, held, payload, &axis, &handle)
+            };
+            match grip {
+                Grip::Firm(rigid) => work(Some(&rigid)),
+                Grip::Loose => work(None),
+                Grip::Doubtful(rigid) => {
+                    let both_works = both(|| work(Some(&rigid)), || work(None));
+                    better_explained(&samples, both_works, settings)
+                }
+            }
+        }
+    };
+    samples.tau = work.tau;
+    samples.aside.across = work.across;
+    samples.aside.tool = work.own;
+    samples.aside.tool_inertia = work.tool_inertia;
+    samples.aside.offset_std = work.offset_std;
     Ok(JointEffort {
         samples,
         axis,
@@ -193,6 +216,43 @@ pub fn joint_effort(
         path,
         nonwork: work.nonwork,
     })
+}
+
+/// See [`Aside::offset_std`]; `turned` = how far the tracker turns the tool wrongly, rad. Without free air the bias is as good as unknown, and
+/// what it leaves is the load's.
+fn offset_std(payload: &Payload, axis: &ScrewAxis, handle: &Point3<f64>, turned: f64) -> f64 {
+    let part = |k: usize| match payload.bias_at_s {
+        Some(_) => rms(&payload.bias_std[k..k + 3]),
+        None => 0.0,
+    };
+    let force = part(0).hypot(payload.mass_kg * GRAVITY * turned);
+    let torque = match axis.kind {
+        JointKind::Prismatic => 0.0,
+        JointKind::Revolute => part(3),
+    };
+    torque.hypot(axis.velocity_at(handle).norm() * force)
+}
+
+/// The one whose effort the most flexible model foretells better on held-out strokes.
+fn better_explained(
+    samples: &JointSamples,
+    (by_joint, by_tracker): (Work, Work),
+    settings: &MotionSettings,
+) -> Work {
+    let left = |work: &Work| {
+        let tau = work.tau.clone();
+        let samples = JointSamples {
+            tau,
+            ..samples.clone()
+        };
+        let motion = Motion::prepare(&samples, settings).ok()?;
+        let model = fit_with_mechanism(&motion, &[&RigidBody]).ok()?;
+        Some(model.held_out_rms)
+    };
+    match both(|| left(&by_joint), || left(&by_tracker)) {
+        (Some(joint), Some(tracker)) if joint < tracker => by_joint,
+        _ => by_tracker,
+    }
 }
 
 /// How far an upright hinge leans; nothing when it may as well be upright.
@@ -231,6 +291,8 @@ struct Work {
     nonwork: NonWork,
     /// Mean inertia of the tool about the joint, its mass taken as a point: kg m^2 or kg.
     tool_inertia: f64,
+    /// See [`Aside::offset_std`].
+    offset_std: f64,
 }
 
 /// Two perpendiculars of the axis: of a hinge the first is the way from it to the tool at `q = 0`, and the second is that along which
@@ -267,6 +329,7 @@ impl Work {
                 contact_rms_n: f64::NAN,
             },
             tool_inertia: 0.0,
+            offset_std: 0.0,
         }
     }
 
@@ -282,10 +345,10 @@ impl Work {
         let (first, second) = across(axis, handle);
         let com = tool.tcp_from_ft_sensor * Point3::from(payload.com_m);
         let tcp_from_ft_sensor = &tool.tcp_from_ft_sensor;
-        let places: Vec<(usize, f64)> = index.iter().copied().zip(q.iter().copied()).collect();
-        let samples = in_parallel(&places, |&(i, q)| {
+        let places: Vec<(usize, usize)> = index.iter().copied().enumerate().collect();
+        let samples = in_parallel(&places, |&(k, i)| {
             let (tcp, rotation) =
-                rigid.map_or((tool.position[i], tool.rotation[i]), |rigid| rigid.at(q));
+                rigid.map_or((tool.position[i], tool.rotation[i]), |rigid| rigid.at(q[k]));
             let along = axis.velocity_at(&tcp);
             let arm = rotation * tcp_from_ft_sensor.translation.vector;
             let world_from_ft_sensor = rotation * tcp_from_ft_sensor.rotation;
@@ -300,11 +363,7 @@ impl Work {
                 };
                 (force, at_tcp, turning)
             };
-            let mut of_tool = kinematics.at(i);
-            if rigid.is_some() {
-                // Gravity as the tool lies there, not as the tracker has it.
-                of_tool[0] = world_from_ft_sensor.inverse() * kinematics.falling[i];
-            }
+            let of_tool = rigid.map_or_else(|| kinematics.at(i), |rigid| rigid.moving(k, q[k]));
             let own = payload.own(of_tool);
             let contact = payload.contact_beside(&own, tool, i);
             let (force, at_tcp, turning) = on_object(contact);
@@ -336,6 +395,7 @@ impl Work {
                 contact_rms_n: rms(&series(|sample| sample.contact)),
             },
             tool_inertia: payload.mass_kg * ways / index.len().max(1) as f64,
+            offset_std: offset_std(payload, axis, handle, rigid.map_or(0.0, |r| r.turned)),
         }
     }
 }

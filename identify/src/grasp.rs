@@ -26,6 +26,8 @@ pub struct Grasp {
     pub source: GraspSource,
     /// While the object was held.
     pub held: Vec<Range<usize>>,
+    /// From when the fingers close to the first of that: the tool may move the object already.
+    pub closing: Range<usize>,
     /// In free air before.
     pub free_before: Vec<Range<usize>>,
     /// In free air after.
@@ -60,6 +62,7 @@ impl Grasp {
             .unwrap_or(f64::NEG_INFINITY);
         Some(Self {
             source: GraspSource::Marks,
+            closing: closing(tool, grasp),
             held: tool.runs_within(grasp + MARGIN_S, release - MARGIN_S),
             free_before: tool.runs_within(begin, grasp - MARGIN_S),
             free_after: tool.runs_within(release + MARGIN_S, f64::INFINITY),
@@ -90,6 +93,7 @@ impl Grasp {
         let (first, last) = (*touching.first()?, *touching.last()?);
         Some(Self {
             source: GraspSource::Wrench,
+            closing: closing(tool, first),
             held: tool.runs_within(first + MARGIN_S, last - MARGIN_S),
             free_before: tool.runs_within(f64::NEG_INFINITY, first - MARGIN_S),
             free_after: tool.runs_within(last + MARGIN_S, f64::INFINITY),
@@ -101,11 +105,18 @@ impl Grasp {
     pub fn whole(tool: &ToolSamples) -> Self {
         Self {
             source: GraspSource::WholeRecording,
+            closing: 0..0,
             held: tool.runs.clone(),
             free_before: Vec::new(),
             free_after: Vec::new(),
         }
     }
+}
+
+/// What [`MARGIN_S`] leaves out after `grasp`, from the last gap on.
+fn closing(tool: &ToolSamples, grasp: f64) -> Range<usize> {
+    let mut runs = tool.runs_within(grasp, grasp + MARGIN_S);
+    runs.pop().unwrap_or(0..0)
 }
 
 fn times_of(tool: &ToolSamples, marks: &[Stamped<String>], name: &str) -> Vec<f64> {

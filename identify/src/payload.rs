@@ -86,7 +86,7 @@ pub struct Payload {
     pub bias_std: [f64; 6],
     /// Middle of the time over which the bias was seen, s; nothing when it comes from a calibration or is unknown.
     pub bias_at_s: Option<f64>,
-    /// Rate at which the bias drifts, N/s and N m/s, when free air after the release shows it.
+    /// Rate at which the bias drifts, N/s and N m/s, as free air after the release shows it.
     pub bias_rate: [f64; 6],
     /// Mass of a calibration that free air contradicts, kg; it was not used then.
     pub contradicted_kg: Option<f64>,
@@ -122,8 +122,9 @@ const LEAST_AFTER_S: f64 = 0.4;
 /// A change of the wrench over a recording that is more than a warm sensor's usual drift: N, N m.
 const LEAST_CHANGE_N: f64 = 0.35;
 const LEAST_CHANGE_NM: f64 = 0.025;
-/// What a sensor usually drifts over a recording, N and N m.
+/// What a sensor usually drifts over a recording of so many seconds, or a shorter one, N and N m.
 const USUAL_DRIFT: [f64; 2] = [0.15, 0.01];
+const USUAL_OVER_S: f64 = 60.0;
 /// No mass sits farther from the sensor, m.
 const FARTHEST_M: f64 = 0.4;
 const NEEDED_MASS_STD_KG: f64 = 0.05;
@@ -183,7 +184,7 @@ impl Payload {
                 needed_kg: NEEDED_MASS_STD_KG,
             });
         }
-        if seconds(after) >= MIN_FREE_AIR_S {
+        if seconds(after) >= LEAST_AFTER_S {
             payload.learn_drift(tool, kinematics, after)?;
         }
         Ok(payload)
@@ -356,7 +357,8 @@ impl Payload {
             + (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * self.mass_kg
     }
 
-    /// Compares the bias after the release with that before the grasp.
+    /// Takes what the bias went by from the free air before the grasp to that after the release as a straight line, as far as it is surer than
+    /// how much sensors drift; nothing when short free air says that it went by more than they usually do.
     fn learn_drift(
         &mut self,
         tool: &ToolSamples,
@@ -369,10 +371,18 @@ impl Payload {
             return Ok(());
         };
         let apart = mean_time(tool, after) - seen;
+        let usual = USUAL_DRIFT.map(|usual| usual * (apart / USUAL_OVER_S).max(1.0));
+        let went = [0, 3].map(|k| Vector3::new(mean[k], mean[k + 1], mean[k + 2]).norm());
+        let short =
+            after.iter().map(Range::len).sum::<usize>() as f64 * tool.period < MIN_FREE_AIR_S;
+        let unusual = went.iter().zip(usual).any(|(went, usual)| *went > usual);
+        if apart < 1.0 || short && unusual {
+            return Ok(());
+        }
         for k in 0..6 {
-            if mean[k].abs() > 3.0 * std[k].hypot(self.bias_std[k]) && apart > 1.0 {
-                self.bias_rate[k] = mean[k] / apart;
-            }
+            let sure = usual[k / 3].powi(2);
+            let unsure = std[k].powi(2) + self.bias_std[k].powi(2);
+            self.bias_rate[k] = mean[k] / apart * sure / (sure + unsure);
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! A recording in, joint, dynamics, report and twin out.
 
 use ft_recording::{Recording, TopicMap};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use std::path::{Path, PathBuf};
 
 use crate::analysis::{Analysis, analyse_confirmed};
@@ -380,10 +380,10 @@ impl Held {
         let effort = changed_effort(
             tool,
             &kinematics,
-            [&grasp.held, &grasp.free_after],
+            &grasp,
             &joint,
             payload.as_ref().ok(),
-            settings.cutoff_hz,
+            settings,
         )?;
         if effort.nonwork.contact_rms_n < MIN_CONTACT_N {
             return Err(IdentifyError::NoContact {
@@ -511,11 +511,13 @@ fn note_payload(report: &mut Report, payload: &Payload) {
             payload.mass_kg, payload.mass_std_kg
         ));
     }
-    if payload.bias_rate.iter().any(|rate| *rate != 0.0) {
-        report.notes.push(
-            "the sensor's bias drifted between the free-air parts; a straight line was taken off"
-                .to_owned(),
-        );
+    let [force, torque] = [0, 3].map(|k| Vector3::from_column_slice(&payload.bias_rate[k..k + 3]));
+    if force.norm() > 0.0 {
+        report.notes.push(format!(
+            "the sensor's bias drifted by {:.3} N and {:.4} N m per minute between the free-air parts; a straight line was taken off",
+            60.0 * force.norm(),
+            60.0 * torque.norm()
+        ));
     }
 }
 

@@ -5,6 +5,7 @@
 pub mod effects;
 mod summary;
 
+use summary::figure;
 pub use summary::with_std;
 
 use std::collections::BTreeMap;
@@ -376,11 +377,12 @@ impl Report {
         if samples.is_some_and(|samples| samples.aside.floor_at_most.is_some()) {
             self.notes.push("the position's noise cannot be told from its motion at this sample rate: the noise floor is taken as what the most flexible model leaves".to_owned());
         }
-        let floor = analysis.floor.rms;
+        let (floor, unit) = (analysis.floor.rms, self.joint.kind.effort_unit());
         if full.bias_drift > floor {
             self.notes.push(format!(
-                "the sensor's bias goes by {:.3} in the recording, where the noise floor is {floor:.3}: it was fitted beside the rest and is not in the twin",
-                full.bias_drift
+                "the sensor's bias goes by {} {unit} in the recording, where the noise floor is {} {unit}: it was fitted beside the rest and is not in the twin",
+                figure(full.bias_drift),
+                figure(floor)
             ));
         }
         let far = analysis

@@ -39,6 +39,9 @@ pub struct Aside {
     /// The tool's own inertia about the joint, taken off with `tool`, kg m^2 or kg: noise of the poses acts on it as on the
     /// object's.
     pub tool_inertia: f64,
+    /// Standard deviation of what the sensor's bias and the tool's weight, tilted as wrongly as the tracker has it, leave in `tau` all the time or
+    /// slowly changing.
+    pub offset_std: f64,
     /// How far the axis of a hinge leans from upright, when that is sure.
     pub lean: Option<Lean>,
     /// Whether the axis of a hinge is seen to be far from upright, so that the part's weight acts about it.

@@ -8,7 +8,7 @@ mod kinematics;
 mod resample;
 
 pub use kinematics::ToolKinematics;
-pub(crate) use kinematics::smoothing_hz;
+pub(crate) use kinematics::{GRAVITY, smoothing_hz};
 
 use core::ops::Range;
 

@@ -183,7 +183,7 @@ fn the_axis_of_emps_is_not_called_explained_for_want_of_samples() {
     let (time, q, tau) = (thin(&whole.time), thin(&whole.q), thin(&whole.tau));
     let samples = ft_identify::samples::JointSamples {
         period: 20.0 * whole.period,
-        runs: vec![0..time.len()],
+        runs: core::iter::once(0..time.len()).collect(),
         time,
         q,
         tau,

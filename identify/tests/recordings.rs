@@ -156,6 +156,21 @@ fn a_drift_between_two_free_air_parts_is_taken_off() {
     );
 }
 
+#[test]
+fn a_usual_drift_is_seen_in_a_short_free_air_after_the_release() {
+    let scene = Scene {
+        free_after_s: 1.0,
+        drift_n_per_s: 6e-4,
+        ..Scene::drawer()
+    };
+    let found = identify(&scene.record()).unwrap();
+    let rate = found.report.payload.as_ref().unwrap().bias_rate;
+    for (k, rate) in rate.iter().enumerate().take(3) {
+        assert!((rate - 6e-4).abs() < 4e-4, "axis {k}: {rate} N/s");
+    }
+    assert!(found.report.effects.is_empty());
+}
+
 /// Root mean square relative error of the friction of a light drawer over some seeds.
 fn friction_error(scene: &Scene) -> f64 {
     let square = |seed| {

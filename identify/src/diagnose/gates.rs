@@ -4,6 +4,7 @@ use super::model::{Found, is_load, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
 use crate::effect::library::{Belongs, Kind};
+use crate::effect::measurement::SENSOR_DRIFT;
 use crate::least_squares::rms;
 
 /// An effect must move the effort (held-out) by so many noise floors; one of the object that acts in less than a share `LOCAL` of the
@@ -13,6 +14,8 @@ const LOCAL: f64 = 0.25;
 const LEAST_OF_LOCAL: f64 = 0.6;
 /// Held-out errors within this factor of the floor have nothing to explain.
 const AT_FLOOR: f64 = 1.03;
+/// A load that a sensor's offset may be must move the effort by so many standard deviations of that.
+const OFFSETS: f64 = 2.0;
 /// Share of the blocks that must get better.
 const LEAST_HELPED: f64 = 0.6;
 
@@ -30,6 +33,11 @@ pub(super) fn most_of(kind: &Kind) -> usize {
         "detent" => 2,
         _ => 1,
     }
+}
+
+/// Whether an effect looks like a sensor's offset, or one that changes slowly.
+fn may_be_an_offset(kind: &Kind) -> bool {
+    is_smooth_load(kind) || kind.is(&SENSOR_DRIFT)
 }
 
 impl State {
@@ -185,6 +193,12 @@ impl State {
                     "it moves the effort by {size:.3}, less than {least:.2} of the noise floor {floor:.3}"
                 ));
             }
+        }
+        let least = OFFSETS * self.samples.aside.offset_std;
+        if may_be_an_offset(entry.kind) && size < least {
+            return Some(format!(
+                "it moves the effort by {size:.3}: the sensor's bias, or the tool's weight where the tracker turns the tool wrongly, may do as much ({least:.3})"
+            ));
         }
         if entry.helps < LEAST_HELPED {
             return Some(format!(

@@ -165,6 +165,9 @@ pub(super) struct State {
     pub(super) level: f64,
 }
 
+/// Regressors of a model at the fit's samples.
+type Columns = Vec<Vec<f64>>;
+
 /// See [`State::as_is`].
 pub(super) struct AsWas {
     effects: Vec<(Found, f64)>,
@@ -284,7 +287,7 @@ impl State {
     }
 
     /// The columns of the model, and what each candidate does beside them and by chance; the floor is estimated anew.
-    pub(super) fn survey(&mut self) -> Result<Option<(Vec<Vec<f64>>, Look)>, DynamicsError> {
+    pub(super) fn survey(&mut self) -> Result<Option<(Columns, Look)>, DynamicsError> {
         let found = self.found();
         let model = self.fit()?;
         self.floor = floor_of(&self.samples, &self.ground.motion, &model, &found)?;

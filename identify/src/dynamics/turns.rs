@@ -26,8 +26,9 @@ pub(super) fn covariance(
     let late_s = LATE / motion.turning_hz;
     let mut late = vec![0.0; motion.sign.len()];
     for run in &motion.runs {
-        for i in run.start + 1..run.end {
-            late[i] = (motion.sign[i - 1] - motion.sign[i]) * late_s / motion.period;
+        let signs = motion.sign[run.clone()].windows(2);
+        for (late, pair) in late[run.clone()].iter_mut().skip(1).zip(signs) {
+            *late = (pair[0] - pair[1]) * late_s / motion.period;
         }
     }
     let late = DVector::from_vec(motion.regressor(&late)?) * theta[coulomb];

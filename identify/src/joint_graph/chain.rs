@@ -148,18 +148,18 @@ impl Linearized {
         let wander = 1 + 3 * part;
         link.diagonal[(0, 0)] += own[0];
         link.right[0] += own[GEOMETRY + 1];
-        for k in 0..3 {
+        for (k, row) in rows.iter().enumerate() {
             for other in 0..3 {
                 link.diagonal[(wander + k, wander + other)] += weight * keep[(k, other)];
             }
-            link.diagonal[(0, wander + k)] += root * rows[k][0];
-            link.diagonal[(wander + k, 0)] += root * rows[k][0];
+            link.diagonal[(0, wander + k)] += root * row[0];
+            link.diagonal[(wander + k, 0)] += root * row[0];
             link.right[wander + k] += weight * residual[k];
         }
         for (column, products) in by_geometry.iter().enumerate() {
             link.border[(column, 0)] += own[1 + column];
-            for k in 0..3 {
-                link.border[(column, wander + k)] += root * rows[k][1 + column];
+            for (k, row) in rows.iter().enumerate() {
+                link.border[(column, wander + k)] += root * row[1 + column];
             }
             self.right[column] += products[GEOMETRY + 1];
             for other in 0..GEOMETRY {

@@ -217,9 +217,9 @@ fn columns_that_come_and_go_are_filtered_like_whole_series() {
     let mut series = vec![vec![0.0; motion.q.len()]; 9];
     for i in 0..motion.q.len() {
         sparse.push(entries(i));
-        entries(i)
-            .into_iter()
-            .for_each(|(column, value)| series[column][i] += value);
+        for (column, value) in entries(i) {
+            series[column][i] += value;
+        }
     }
     let sparse = motion.sparse_regressor(&sparse, series.len());
     for (j, series) in series.iter().enumerate() {

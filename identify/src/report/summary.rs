@@ -61,20 +61,27 @@ impl Report {
         ) {
             // What effects were named against has their own samples, and stands in their lines.
             let before = if self.effects.is_empty() {
-                format!("I, mu, b alone {base:.3}; ")
+                format!("I, mu, b alone {}; ", figure(base))
             } else {
                 String::new()
             };
             let _ = writeln!(
                 out,
-                "error      {last:.3} {unit} on held-out strokes ({:.1} % of the effort in the fit); {before}noise floor {floor:.3}",
-                100.0 * self.last.relative_error.unwrap_or(f64::NAN)
+                "error      {} {unit} on held-out strokes; the fit leaves {:.1} % of the effort; {before}noise floor {}",
+                figure(last),
+                100.0 * self.last.relative_error.unwrap_or(f64::NAN),
+                figure(floor)
             );
         }
         if let Some(joint) = &self.joint_fit {
             let terms = joint.terms.iter().filter_map(|term| {
                 let (value, std) = (term.value?, term.std?);
-                Some(format!("{} {value:.3} ± {std:.3} {}", term.name, term.unit))
+                Some(format!(
+                    "{} {} {}",
+                    term.name,
+                    with_std(value, std),
+                    term.unit
+                ))
             });
             let terms: Vec<String> = terms.collect();
             let stands = if terms.is_empty() {
@@ -86,25 +93,25 @@ impl Report {
             };
             let _ = writeln!(
                 out,
-                "jointly    {}{stands}; error {:.3} {unit} on held-out strokes, whose motion the wrench informs",
+                "jointly    {}{stands}; error {} {unit} on held-out strokes, whose motion the wrench informs",
                 terms.join(", "),
-                joint.held_out_rms
+                figure(joint.held_out_rms)
             );
         }
         if let Some(paper) = &self.paper {
             let terms = paper.terms.iter().map(|term| {
                 let value = term.value.unwrap_or(f64::NAN);
-                format!("{} {value:.3} {}", term.name, term.unit)
+                format!("{} {} {}", term.name, figure(value), term.unit)
             });
             let terms: Vec<String> = terms.collect();
-            let network = paper
-                .mechanism_rms
-                .map_or_else(String::new, |rms| format!(", {rms:.3} with its network"));
+            let network = paper.mechanism_rms.map_or_else(String::new, |rms| {
+                format!(", {} with its network", figure(rms))
+            });
             let _ = writeln!(
                 out,
-                "paper      {}; error in the fit {:.3} {unit}{network}",
+                "paper      {}; error in the fit {} {unit}{network}",
                 terms.join(", "),
-                paper.rms
+                figure(paper.rms)
             );
         }
         let _ = write!(out, "{}", self.effect_lines());
@@ -134,11 +141,11 @@ impl Report {
         let unit = self.joint.kind.effort_unit();
         let mut out = String::new();
         for effect in &self.effects {
-            let [before, after] = effect.held_out_rms;
+            let [before, after] = effect.held_out_rms.map(figure);
             let [share_before, share_after] = effect.relative.map(|share| 100.0 * share);
             let _ = write!(
                 out,
-                "lacked     {}: {before:.3} -> {after:.3} {unit} ({share_before:.1} -> {share_after:.1} %)",
+                "lacked     {}: {before} -> {after} {unit} ({share_before:.1} -> {share_after:.1} %)",
                 effect.name
             );
             for pair in &effect.confirm_rms {
@@ -188,8 +195,9 @@ impl Report {
                 let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
                 let beside = match (&self.last.named, &self.mechanism) {
                     (Some(named), Some(mechanism)) => format!(
-                        "; named effects leave {:.3}, with a mechanism of no name {:.3}",
-                        named.held_out_rms, mechanism.held_out_rms
+                        "; named effects leave {}, with a mechanism of no name {}",
+                        figure(named.held_out_rms),
+                        figure(mechanism.held_out_rms)
                     ),
                     _ => String::new(),
                 };
@@ -220,6 +228,12 @@ pub fn with_std(value: f64, std: f64) -> String {
     format!("{value:.digits$} ± {std:.digits$}")
 }
 
+/// Three decimals, and three digits at least.
+pub(super) fn figure(value: f64) -> String {
+    let digits = (2.0 - value.abs().log10().floor()).clamp(3.0, 6.0) as usize;
+    format!("{value:.digits$}")
+}
+
 /// An error on a confirming recording that falls by less says nothing for an effect.
 const LEAST_FALL: f64 = 0.01;
 
@@ -227,9 +241,13 @@ const LEAST_FALL: f64 = 0.01;
 /// it helps beside those that were added after it, or because it can hardly be seen there.
 fn confirmation([before, after]: [f64; 2]) -> String {
     if after <= (1.0 - LEAST_FALL) * before {
-        format!("confirmed {before:.3} -> {after:.3}")
+        format!("confirmed {} -> {}", figure(before), figure(after))
     } else {
-        format!("elsewhere {before:.3} -> {after:.3}, which does not confirm it by itself")
+        format!(
+            "elsewhere {} -> {}, which does not confirm it by itself",
+            figure(before),
+            figure(after)
+        )
     }
 }
 

@@ -6,7 +6,7 @@ use super::ToolSamples;
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
 
 /// Standard gravity, m/s^2; `world` has z up.
-const GRAVITY: f64 = 9.80665;
+pub(crate) const GRAVITY: f64 = 9.80665;
 
 /// Cut-off of the low-pass on poses before they are differentiated, Hz: well above the fit's, so that the tool's inertial
 /// wrench is whole there.
@@ -20,9 +20,7 @@ pub(crate) fn smoothing_hz(rate_hz: f64) -> f64 {
 /// Motion of the sensor frame over the samples of a [`ToolSamples`].
 #[derive(Clone, Debug)]
 pub struct ToolKinematics {
-    /// Gravity minus the acceleration of the sensor's origin, m/s^2, in `world`.
-    pub falling: Vec<Vector3<f64>>,
-    /// The same in `ft_sensor`.
+    /// Gravity minus the acceleration of the sensor's origin, m/s^2, in `ft_sensor`.
     pub specific: Vec<Vector3<f64>>,
     /// Angular rate, rad/s, in `ft_sensor`.
     pub rate: Vec<Vector3<f64>>,
@@ -49,7 +47,6 @@ impl ToolKinematics {
         let arm = tool.tcp_from_ft_sensor.translation.vector;
         let rotation: Vec<_> = tool.rotation.iter().map(|r| r * turn).collect();
         let mut out = Self {
-            falling: Vec::with_capacity(count),
             specific: Vec::with_capacity(count),
             rate: Vec::with_capacity(count),
             angular: Vec::with_capacity(count),
@@ -64,7 +61,6 @@ impl ToolKinematics {
                 let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
                 let still = rotations.iter().map(|r| r.inverse() * gravity);
                 out.specific.extend(still);
-                out.falling.extend(rotations.iter().map(|_| gravity));
                 out.rate.extend(rotations.iter().map(|_| Vector3::zeros()));
                 out.angular
                     .extend(rotations.iter().map(|_| Vector3::zeros()));
@@ -76,10 +72,9 @@ impl ToolKinematics {
             let rate = body_rates(&smooth, tool.period);
             let angular = per_axis(&rate, |x| first_derivative(x, tool.period));
             let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
-            let falling = acceleration.iter().map(|a| gravity - a);
+            let specific = acceleration.iter().zip(&smooth);
             out.specific
-                .extend(falling.clone().zip(&smooth).map(|(f, r)| r.inverse() * f));
-            out.falling.extend(falling);
+                .extend(specific.map(|(a, r)| r.inverse() * (gravity - a)));
             out.rate.extend(rate);
             out.angular.extend(angular);
         }

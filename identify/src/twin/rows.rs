@@ -404,7 +404,7 @@ mod tests {
             all.extend(
                 pulp::x86::V4::try_new().map(|simd| simd.vectorize(Once { simd, rows, states })),
             );
-            return all;
+            all
         }
         #[cfg(not(target_arch = "x86_64"))]
         vec![plain]
