@@ -3,8 +3,8 @@
 //! A tracker's pose wanders by millimetres and milliradians over seconds. Turned wrongly by `d`, a tool of 0.8 kg seems to push with 8 N times `d`,
 //! and held at a wrong place the hand's push at a hinge seems to have another lever; a few slow strokes then show a friction that is not there.
 //! Where position and orientation stay within what a tracker wanders, they are better taken from the joint than from the tracker, and so are the tool's
-//! accelerations. Where they are far outside of it, the tool has turned or slid in the grasp, and the tracker is believed. Between the two, and where
-//! the two efforts differ (a grasp that gives leaves the tool on its path, but not with the joint), the one that is better explained is believed.
+//! accelerations. Where they are far outside of it, the tool has turned or slid in the grasp, and the tracker is believed. Between the two it is believed
+//! where the effort that follows from its poses is better explained than the one that follows from the joint's.
 
 use core::ops::Range;
 
