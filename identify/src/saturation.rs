@@ -45,39 +45,49 @@ const LASTING: usize = 8;
 #[must_use]
 pub fn find(wrench: &[[f64; 6]], held: &[Range<usize>]) -> Option<Saturated> {
     let of = held.iter().map(Range::len).sum();
-    let channels = (0..6).flat_map(|channel| [(channel, 1.0), (channel, -1.0)]);
-    let found = channels.map(|(channel, sign)| {
-        let value = |i: usize| sign * wrench[i][channel];
+    let channels = (0..6).filter_map(|channel| {
+        let moves = |k: usize| {
+            (0..6).any(|other| other != channel && wrench[k][other] != wrench[k - 1][other])
+        };
+        let (value, samples) = longest(held, |i| wrench[i][channel], moves)?;
+        Some(Saturated {
+            channel,
+            value,
+            samples,
+            of,
+        })
+    });
+    channels.max_by_key(|found| found.samples)
+}
+
+/// The extreme at which a series stays longest while something else `moves` from a sample's predecessor to it, and for how many samples; nothing
+/// when it does at neither.
+pub(crate) fn longest(
+    held: &[Range<usize>],
+    value: impl Fn(usize) -> f64,
+    moves: impl Fn(usize) -> bool,
+) -> Option<(f64, usize)> {
+    let ends = [1.0, -1.0].map(|sign| {
         let all = held.iter().flat_map(Clone::clone);
         let (least, extreme) = all
-            .map(value)
+            .map(|i| sign * value(i))
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
                 (low.min(v), high.max(v))
             });
-        // A channel that never moves is not at its end.
-        let moves = extreme > least;
-        let samples = held
-            .iter()
-            .map(|run| at_extreme(wrench, run, channel, |i| moves && value(i) >= extreme))
-            .sum();
-        Saturated {
-            channel,
-            value: sign * extreme,
-            samples,
-            of,
-        }
+        // What never moves is not at its end.
+        let is_extreme = |i: usize| extreme > least && sign * value(i) >= extreme;
+        let samples = held.iter().map(|run| at_extreme(run, is_extreme, &moves));
+        (sign * extreme, samples.sum::<usize>())
     });
-    found
-        .max_by_key(|found| found.samples)
-        .filter(|found| found.samples > 0)
+    let longest = ends.into_iter().max_by_key(|(_, samples)| *samples);
+    longest.filter(|(_, samples)| *samples > 0)
 }
 
-/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and another channel moves.
+/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and something else moves.
 fn at_extreme(
-    wrench: &[[f64; 6]],
     run: &Range<usize>,
-    channel: usize,
     is_extreme: impl Fn(usize) -> bool,
+    moves: &impl Fn(usize) -> bool,
 ) -> usize {
     let mut total = 0;
     let mut start = run.start;
@@ -85,12 +95,10 @@ fn at_extreme(
         if i < run.end && is_extreme(i) {
             continue;
         }
-        let stretch = start..i;
-        let moves = stretch.clone().skip(1).any(|k| {
-            (0..6).any(|other| other != channel && wrench[k][other] != wrench[k - 1][other])
-        });
-        if stretch.len() >= LASTING && moves {
-            total += stretch.len();
+        let mut stretch = start..i;
+        let length = stretch.len();
+        if length >= LASTING && stretch.by_ref().skip(1).any(moves) {
+            total += length;
         }
         start = i + 1;
     }

@@ -208,10 +208,13 @@ fn other_units_in_a_table_are_doubted_and_no_error() {
     let done = run(&[&["table", &file], &columns[..], &rest].concat());
     let said = text(&done.stderr);
     assert_eq!(done.status.code(), Some(0), "{said}");
-    assert!(
-        said.contains("doubtful: positions reach over 300 m"),
-        "{said}"
-    );
+    let report = std::fs::read_to_string(out.join("report.json")).unwrap();
+    for said in [said, report] {
+        assert!(
+            said.contains("doubtful: positions reach over 300 m"),
+            "{said}"
+        );
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
-//! What looks like other units in a table. Nothing is changed for it: it is told.
+//! What looks like other units in a table, or like a sensor at the end of its range. Nothing is changed for it: it is told.
 
 use crate::samples::{JointSamples, quantile};
+use crate::saturation;
 use crate::screw::JointKind;
 
 /// Slower nothing of a hand's motion is seen, faster nothing is sampled, Hz.
@@ -14,7 +15,10 @@ const MAX_MEDIAN_SPEED: [f64; 2] = [2.0, 10.0];
 /// Speeds are taken over this long, s: from one sample to the next noise is faster.
 const SPEED_OVER_S: f64 = 0.02;
 
-/// Of samples that [`super::read_table`] gave; each asks for a unit.
+/// An effort that stays at its extreme for so much of the samples is cut off: a drive's may be limited, a sensor's is not known there.
+const MOST_AT_EXTREME: f64 = 0.002;
+
+/// Of samples that [`super::read_table`] gave; each asks a question.
 #[must_use]
 pub fn doubts(samples: &JointSamples) -> Vec<String> {
     let mut doubts = Vec::new();
@@ -36,6 +40,17 @@ pub fn doubts(samples: &JointSamples) -> Vec<String> {
         doubts.push(format!(
             "positions reach over {span:.0} {unit} (expected less than {max_span} {unit}): are they in {unit}, and not in {others}?"
         ));
+    }
+    let moves = |i: usize| samples.q[i] != samples.q[i - 1];
+    if let Some((value, count)) = saturation::longest(&samples.runs, |i| samples.tau[i], moves) {
+        let share = count as f64 / samples.len() as f64;
+        if share > MOST_AT_EXTREME {
+            doubts.push(format!(
+                "the effort stays at {value:.1} {} for {:.1} % of the rows: is the sensor at the end of its range? What is cut off there cannot be identified",
+                samples.kind.effort_unit(),
+                100.0 * share
+            ));
+        }
     }
     let step = ((SPEED_OVER_S / samples.period).ceil() as usize).max(1);
     let seconds = step as f64 * samples.period;

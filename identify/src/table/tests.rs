@@ -152,6 +152,22 @@ fn to_and_fro(kind: JointKind, span: f64, per_s: f64) -> JointSamples {
 }
 
 #[test]
+fn an_effort_that_is_cut_off_is_doubted() {
+    let mut whole = to_and_fro(JointKind::Prismatic, 0.4, 1.0);
+    whole.tau = whole.q.iter().map(|q| 50.0 * q).collect();
+    let mut cut = whole.clone();
+    for tau in &mut cut.tau {
+        *tau = tau.clamp(-8.0, 8.0);
+    }
+    assert_eq!(doubts(&whole), Vec::<String>::new());
+    let doubts = doubts(&cut);
+    assert!(
+        doubts.len() == 1 && doubts[0].contains("end of its range"),
+        "{doubts:?}"
+    );
+}
+
+#[test]
 fn other_units_are_doubted() {
     use JointKind::{Prismatic, Revolute};
     for (kind, span, per_s, expected) in [

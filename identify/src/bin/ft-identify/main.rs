@@ -348,10 +348,13 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
     };
     refuse_existing(&arguments.output, &FILES, arguments.common.force)?;
     let progress = Progress::start();
-    let read = |path: &Path| -> Result<_, IdentifyError> {
+    let mut doubtful = Vec::new();
+    let mut read = |path: &Path| -> Result<_, IdentifyError> {
         let samples = read_table(path, &columns, kind)?;
         for doubt in doubts(&samples) {
-            eprintln!("{}: doubtful: {doubt}", path.display());
+            let doubt = format!("{}: doubtful: {doubt}", path.display());
+            eprintln!("{doubt}");
+            doubtful.push(doubt);
         }
         Ok(samples)
     };
@@ -385,7 +388,8 @@ fn run_table(arguments: &TableArguments) -> Result<Outcome, IdentifyError> {
         }
     };
     progress.end();
-    let identified = identified_table(&arguments.table, hash, &samples, analysis);
+    let mut identified = identified_table(&arguments.table, hash, &samples, analysis);
+    identified.report.notes.extend(doubtful);
     finish(identified, &arguments.output, &arguments.common)?;
     Ok(Outcome::Fine)
 }
