@@ -173,7 +173,7 @@ impl IdentifyError {
             self,
             Self::Directory(_)
                 | Self::Read(ReadError::Map { .. })
-                | Self::Table(TableError::SameColumn { .. })
+                | Self::Table(TableError::SameColumn { .. } | TableError::NothingLeft { .. })
                 | Self::Filter(FilterError::Cutoff { .. })
                 | Self::Motion(MotionError::Filter(FilterError::Cutoff { .. }))
                 | Self::Dynamics(DynamicsError::Motion(MotionError::Filter(

@@ -23,6 +23,9 @@ use crate::paper::PaperFit;
 use crate::payload::Payload;
 use crate::screw::{Candidates, JointKind, ScrewAxis};
 
+/// Names that leave so many noise floors are tentative.
+const TENTATIVE: f64 = 3.0;
+
 /// Name of the schema.
 pub const SCHEMA: &str = "ft-identify/report/1";
 
@@ -362,6 +365,13 @@ impl Report {
             } else {
                 format!("errors on {file} are over the {share:.1} % of it at places and speeds that this recording has probed, too")
             });
+        }
+        let left = analysis.named.held_out_rms / analysis.floor.rms;
+        if self.last.verdict == Verdict::Unexplained && !self.effects.is_empty() && left > TENTATIVE
+        {
+            self.notes.push(format!(
+                "the named effects leave {left:.1} noise floors: beside so much that has no name, a name may be a part of something else"
+            ));
         }
         if analysis.cutoff_lowered {
             let hz = analysis.settings.cutoff_hz;

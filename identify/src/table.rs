@@ -69,7 +69,11 @@ pub enum TableError {
         name: String,
     },
     /// A cell is not a number.
-    #[error("{}: row {row}, column `{column}`: `{text}` is not a number", path.display())]
+    #[error("{}: row {row}, column `{column}`: `{text}` is not a number{}", path.display(), if text.contains(',') {
+        " (decimals come after a point)"
+    } else {
+        ""
+    })]
     NotANumber {
         /// The file.
         path: PathBuf,
@@ -115,6 +119,14 @@ pub enum TableError {
         time: f64,
         /// Time of the row before.
         before: f64,
+    },
+    /// The published recipe drops every row.
+    #[error("--drop-border {drop_border} leaves none of {rows} rows; drop fewer")]
+    NothingLeft {
+        /// First row that would be kept, from 1.
+        drop_border: usize,
+        /// Rows there.
+        rows: usize,
     },
     /// Too few rows.
     #[error("{}: {rows} rows are too few, need at least {needed}", path.display())]

@@ -18,7 +18,11 @@ use crate::screw::{Candidates, JointKind, PoseSamples, SelectError, select};
 #[non_exhaustive]
 pub enum TrackError {
     /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}: {source}{}", path.display(), if path.extension().is_some_and(|end| end == "mcap") {
+        "; a recording is identified without `track`: ft-identify RECORDING -o DIR"
+    } else {
+        ""
+    })]
     Io {
         /// The file.
         path: PathBuf,

@@ -218,7 +218,7 @@ fn other_units_in_a_table_are_doubted_and_no_error() {
 }
 
 #[test]
-fn a_cutoff_beyond_half_the_rate_is_a_wrong_argument() {
+fn numbers_out_of_range_are_wrong_arguments() {
     let directory = tempfile::tempdir().unwrap();
     let file = table(directory.path(), slide());
     let out = directory.path().join("out");
@@ -230,6 +230,24 @@ fn a_cutoff_beyond_half_the_rate_is_a_wrong_argument() {
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{said}");
         assert!(said.contains("half the rate of 400 Hz"), "{said}");
+    }
+    let recipe = [
+        "--lowpass-hz",
+        "50",
+        "--lowpass-order",
+        "4",
+        "--decimate",
+        "10",
+    ];
+    let nothing_left = [&recipe[..], &["--drop-border", "99999"]].concat();
+    for (wrong, why) in [
+        (&["--cutoff-hz", "-3"][..], "not a number above 0"),
+        (&nothing_left, "--drop-border 99999 leaves none of"),
+    ] {
+        let done = run(&[&["table", &file], &columns[..], &rest, wrong].concat());
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{said}");
+        assert!(said.contains(why), "{said}");
     }
     assert!(!out.exists());
 }
@@ -386,9 +404,9 @@ fn a_twin_is_let_go_exported_and_compared() {
         0,
     );
     assert!(
-        opening.contains("to 0.2 m within 2 s takes up to")
+        opening.contains("to 0.200 m within 2 s takes up to")
             && opening.contains(
-                "1 N are not enough: more is needed from 0.0 m on; nor are they however slowly"
+                "1 N are not enough: more is needed from 0.000 m on; nor are they however slowly"
             ),
         "{opening}"
     );

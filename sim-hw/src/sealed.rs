@@ -140,7 +140,11 @@ pub enum SealedError {
     #[error("the truth cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// A file or folder cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}: {source}{}", path.display(), if source.kind() == std::io::ErrorKind::AlreadyExists {
+        "; choose another folder with -o"
+    } else {
+        ""
+    })]
     Write {
         /// Which.
         path: PathBuf,

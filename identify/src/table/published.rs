@@ -9,6 +9,9 @@
 //! A. Janot, M. Gautier, M. Brunot, *Data set and reference models of EMPS*, Workshop on Nonlinear System Identification
 //! Benchmarks, 2019.
 
+use core::ops::Range;
+
+use super::TableError;
 use crate::analysis::{Analysis, FitSeries, judge};
 use crate::dynamics::{DynamicsError, Structure, fit_columns};
 use crate::effect::Column;
@@ -42,6 +45,13 @@ pub fn identify_published(
     samples: &JointSamples,
     recipe: &Recipe,
 ) -> Result<Analysis, IdentifyError> {
+    let rows = samples.runs.iter().map(Range::len).max().unwrap_or(0);
+    if recipe.drop_border > rows {
+        return Err(IdentifyError::Table(TableError::NothingLeft {
+            drop_border: recipe.drop_border,
+            rows,
+        }));
+    }
     let filter = LowPass::butterworth(recipe.lowpass_order, recipe.lowpass_hz, samples.rate_hz())?;
     let mut kept = FitSeries::default();
     let (mut acceleration, mut sign, mut constant, mut stroke) =

@@ -51,6 +51,11 @@ fn text_in_a_cell_is_shown_with_its_place() {
         error.contains("row 3, column `q`: `oops` is not a number"),
         "{error}"
     );
+    let error = read("t;q;f\n0;0;0\n0,1;0;0\n").unwrap_err().to_string();
+    assert!(
+        error.contains("`0,1` is not a number (decimals come after a point)"),
+        "{error}"
+    );
 }
 
 #[test]

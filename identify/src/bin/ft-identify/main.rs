@@ -92,7 +92,7 @@ struct RecordingArguments {
 struct Common {
     /// Cut-off of the zero-phase filter for effort and regressors, Hz [default: 6, and lower for a motion so slow that the poses' noise hides its
     /// acceleration]
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = positive, allow_negative_numbers = true)]
     cutoff_hz: Option<f64>,
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
     #[arg(long)]

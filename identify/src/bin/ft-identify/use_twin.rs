@@ -173,7 +173,6 @@ impl Simulate {
             );
             return Ok(());
         }
-        let (scale, unit) = shown(kind);
         let effort = kind.effort_unit();
         let at_handle =
             lever
@@ -185,11 +184,11 @@ impl Simulate {
                     )
                 });
         println!(
-            "to {:.1} {unit} within {} s takes up to {:.2} {effort} at {:.1} {unit}{at_handle}",
-            scale * opening.to,
+            "to {} within {} s takes up to {:.2} {effort} at {}{at_handle}",
+            at(kind, opening.to),
             self.within,
             needed.peak,
-            scale * needed.peak_at
+            at(kind, needed.peak_at)
         );
         if needed.not_probed > 0.0 {
             println!(
@@ -200,8 +199,8 @@ impl Simulate {
         match (self.limit, lever) {
             (Some(limit), Some(lever)) => match needed.exceeds(limit * lever) {
                 Some(q) => println!(
-                    "{limit} N are not enough: more is needed from {:.1} {unit} on; {}",
-                    scale * q,
+                    "{limit} N are not enough: more is needed from {} on; {}",
+                    at(kind, q),
                     match shortest(&evaluator, &opening, limit * lever) {
                         Some(time) => format!("within {time:.1} s they are"),
                         None => "nor are they however slowly".to_owned(),
@@ -231,6 +230,16 @@ fn shown(kind: JointKind) -> (f64, &'static str) {
     match kind {
         JointKind::Revolute => (1.0_f64.to_degrees(), "deg"),
         JointKind::Prismatic => (1.0, "m"),
+    }
+}
+
+/// A coordinate as people read it.
+fn at(kind: JointKind, q: f64) -> String {
+    let (scale, unit) = shown(kind);
+    // No minus before what is rounded to zero.
+    match kind {
+        JointKind::Revolute => format!("{:.1} {unit}", (10.0 * scale * q).round() / 10.0 + 0.0),
+        JointKind::Prismatic => format!("{:.3} {unit}", (1e3 * scale * q).round() / 1e3 + 0.0),
     }
 }
 
