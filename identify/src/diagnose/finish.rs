@@ -29,9 +29,10 @@ const CONTAIN: [(&str, &str); 8] = [
     ("sensor_drift", "asymmetric_coulomb"),
     ("gravity", "constant_load"),
     ("gravity", "asymmetric_coulomb"),
-    ("damping_zone", "asymmetric_viscous"),
+    (ZONE, "asymmetric_viscous"),
     ("backlash", "grasp_compliance"),
 ];
+const ZONE: &str = "damping_zone";
 
 fn are(pair: (&str, &str), a: &str, b: &str) -> bool {
     pair == (a, b) || pair == (b, a)
@@ -230,6 +231,10 @@ impl State {
         let found = &self.effects[i].0;
         let name = found.kind.name;
         let gain = (seen.mse - own).max(0.0);
+        // Beside other dampers, what slows over the whole range may be one more of them.
+        let damps = self.effects.iter().any(|(f, _)| f.kind.name == ZONE);
+        let contains =
+            |kind: &Kind| CONTAIN.contains(&(kind.name, name)) && !(damps && kind.name == ZONE);
         let mut alike: Vec<Ambiguity> = seen
             .ranked
             .iter()
@@ -240,9 +245,8 @@ impl State {
                 seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
             .filter(|entry| {
-                let contains = CONTAIN.contains(&(entry.kind.name, name));
                 let crude = CRUDE == (name, entry.kind.name);
-                !contains || crude || entry.mse < 0.95 * own
+                !contains(entry.kind) || crude || entry.mse < 0.95 * own
             })
             .map(|entry| ambiguity(entry.kind, Some(entry.found(&self.ground))))
             .collect();
@@ -253,8 +257,7 @@ impl State {
             alike.push(ambiguity(&STRUT, None));
         }
         for hidden in self.hidden_in(i)? {
-            let contains = CONTAIN.contains(&(hidden.name, name));
-            if !contains && alike.iter().all(|a| a.name != hidden.name) {
+            if !contains(hidden) && alike.iter().all(|a| a.name != hidden.name) {
                 alike.push(ambiguity(hidden, None));
             }
         }

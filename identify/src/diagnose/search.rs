@@ -9,6 +9,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
     DynamicsError, EffortModel, fit_columns, fit_parametric, fit_with_mechanism,
 };
+use crate::effect::load::{CATCH, DETENT};
 use crate::effect::measurement::TIME_LAG;
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
@@ -104,8 +105,9 @@ pub fn diagnose(
 
 /// As [`diagnose`], without the effects named in `barred`: those that other recordings have refused.
 ///
-/// A lag changes the samples for good, and a grasp that gives looks like one at first: where a lag was named and more than noise is left, the search
-/// is made without it, too, and that which leaves less stays.
+/// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
+/// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
+/// more than noise is left, the search is made without it, too, and that which leaves less stays.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -114,24 +116,37 @@ pub fn diagnose_without(
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
-    let found = searched(samples, settings, barred)?;
-    let left = found.model.held_out_rms;
-    if found.lag_s.is_none() || left < EXPLAINED_BELOW * found.floor.rms {
-        return Ok(found);
+    let mut best = searched(samples, settings, barred)?;
+    let mut barred = barred.to_vec();
+    for suspect in SUSPECTS {
+        let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
+        let named =
+            best.effects.iter().any(is_suspect) || suspect == TIME_LAG.name && best.lag_s.is_some();
+        let left = best.model.held_out_rms;
+        if !named || left < MUCH * best.floor.rms {
+            continue;
+        }
+        barred.push(suspect);
+        let without = searched(samples, settings, &barred)?;
+        let less = without.model.held_out_rms;
+        if less > RIVAL_BELOW * left {
+            barred.pop();
+            continue;
+        }
+        best = without;
+        best.refused.push(Refused {
+            name: suspect,
+            reason: "without it others leave less".to_owned(),
+            held_out_rms: [less, left],
+        });
     }
-    let lag = TIME_LAG.name;
-    let mut without = searched(samples, settings, &[barred, &[lag]].concat())?;
-    let less = without.model.held_out_rms;
-    if less > RIVAL_BELOW * left {
-        return Ok(found);
-    }
-    without.refused.push(Refused {
-        name: lag,
-        reason: "other effects leave less without it".to_owned(),
-        held_out_rms: [less, left],
-    });
-    Ok(without)
+    Ok(best)
 }
+
+/// Effects that have been found in the place of others.
+const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
+/// That many noise floors are much more than noise.
+const MUCH: f64 = 2.0;
 
 fn searched(
     samples: &JointSamples,
