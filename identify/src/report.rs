@@ -19,6 +19,7 @@ use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
 use crate::lag::{Lag, USUAL_S};
 use crate::mechanism::{Domain, Mechanism};
+use crate::motion::Motion;
 use crate::paper::PaperFit;
 use crate::payload::Payload;
 use crate::screw::{Candidates, JointKind, ScrewAxis};
@@ -380,7 +381,8 @@ impl Report {
             ));
         }
         let motion = analysis.diagnosis.as_ref().map(|one| &one.motion);
-        if motion.is_some_and(|motion| !motion.shows_time()) {
+        let shows_time = motion.is_none_or(Motion::shows_time);
+        if !shows_time {
             self.notes.push("the motion comes to the same places fewer than three times, one way: what changes with time (sensor, friction, payload) was not looked for in the effort; go there and back more often".to_owned());
         }
         let samples = analysis.diagnosis.as_ref().map(|one| &one.samples);
@@ -388,7 +390,7 @@ impl Report {
             self.notes.push("the position's noise cannot be told from its motion at this sample rate: the noise floor is taken as what the most flexible model leaves".to_owned());
         }
         let (floor, unit) = (analysis.floor.rms, self.joint.kind.effort_unit());
-        if full.bias_drift > floor {
+        if shows_time && full.bias_drift > floor {
             self.notes.push(format!(
                 "the sensor's bias goes by {} {unit} in the recording, where the noise floor is {} {unit}: it was fitted beside the rest and is not in the twin",
                 figure(full.bias_drift),
