@@ -188,10 +188,15 @@ fn fit_full(
         let least = surfaces.into_iter().fold(held_out_rms, f64::min);
         valved.held_out_rms < FAR_BELOW * least
     };
-    if !valved.as_ref().is_some_and(far_better) {
+    let undamped = design.undamped();
+    // A joint to which damping of middling smoothing does no good has no dampers.
+    let without = undamped.held_out_of(&folds, &smoothing, None);
+    if valved.is_none() && without < DAMPED_BELOW * held_out_rms {
+        (smoothing, held_out_rms) = undamped.choose_load(&folds, smoothing);
+        design = undamped;
+    } else if !valved.as_ref().is_some_and(far_better) {
         (smoothing, held_out_rms) = design.choose_smoothing(&folds);
         let share = design.damping_share(&smoothing);
-        let undamped = design.undamped();
         let (loaded, without) = undamped.choose_load(&folds, smoothing);
         if without <= held_out_rms {
             (design, smoothing, held_out_rms) = (undamped, loaded, without);
@@ -272,6 +277,8 @@ fn fit_full(
     Ok((model, together))
 }
 
+/// Without damping the error is so many times as large where there is some.
+const DAMPED_BELOW: f64 = 1.01;
 /// Valves must do so much better on held-out strokes than surfaces.
 const VALVED_BELOW: f64 = 0.97;
 /// Valves that do so much better than surfaces of three smoothings of the load are taken to do better than those of any.
