@@ -188,19 +188,22 @@ fn fit_full(
         let least = surfaces.into_iter().fold(held_out_rms, f64::min);
         valved.held_out_rms < FAR_BELOW * least
     };
-    let undamped = design.undamped();
-    // A joint to which damping of middling smoothing does no good has no dampers.
-    let without = undamped.held_out_of(&folds, &smoothing, None);
-    if valved.is_none() && without < DAMPED_BELOW * held_out_rms {
-        (smoothing, held_out_rms) = undamped.choose_load(&folds, smoothing);
-        design = undamped;
-    } else if !valved.as_ref().is_some_and(far_better) {
-        (smoothing, held_out_rms) = design.choose_smoothing(&folds);
-        let share = design.damping_share(&smoothing);
+    if !valved.as_ref().is_some_and(far_better) {
+        let undamped = design.undamped();
         let (loaded, without) = undamped.choose_load(&folds, smoothing);
-        if without <= held_out_rms {
+        // To a joint without dampers damping does no good beside the load that it has.
+        let damped = || design.held_out_of(&folds, &loaded, None);
+        let share = if valved.is_none() && without < DAMPED_BELOW * damped() {
             (design, smoothing, held_out_rms) = (undamped, loaded, without);
-        }
+            0.0
+        } else {
+            (smoothing, held_out_rms) = design.choose_smoothing(&folds);
+            let share = design.damping_share(&smoothing);
+            if without <= held_out_rms {
+                (design, smoothing, held_out_rms) = (undamped, loaded, without);
+            }
+            share
+        };
         valved = (share > least(held_out_rms))
             .then(|| valved.unwrap_or_else(|| behind_valves(&design, &smoothing)));
     }

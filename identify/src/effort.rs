@@ -14,7 +14,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::dynamics::fit_with_mechanism;
 use crate::effect::RigidBody;
-use crate::grasp::Grasp;
+use crate::grasp::{self, Grasp};
 use crate::joint_graph::RefinedJoint;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
@@ -50,6 +50,8 @@ pub struct JointEffort {
     pub path: Vec<Point3<f64>>,
     /// What does no work.
     pub nonwork: NonWork,
+    /// Whether the tool was taken to be where the joint carries it.
+    pub carried: bool,
 }
 
 /// Positions and rotations of the held part, block means at about `rate_hz`, for kinematics.
@@ -85,8 +87,8 @@ pub fn kinematic_track(tool: &ToolSamples, held: &[Range<usize>], rate_hz: f64) 
     track
 }
 
-/// As [`joint_effort`]; a mass that was put on the tool, or a drift of the sensor, that free air after the release shows is taken
-/// out of the effort, and told in the samples.
+/// Projects every held sample onto the joint and takes the effort; a mass that was put on the tool, or a drift of the sensor, that free air after the
+/// release shows is taken out of it, and told in the samples.
 ///
 /// # Errors
 /// When the poses cannot be filtered.
@@ -98,13 +100,14 @@ pub fn changed_effort(
     payload: Option<&Payload>,
     settings: &MotionSettings,
 ) -> Result<JointEffort, MotionError> {
-    let effort = |payload| joint_effort(tool, kinematics, grasp, joint, payload, settings);
+    let effort =
+        |payload, carried| effort_of(tool, kinematics, grasp, joint, (payload, carried), settings);
     let Some(payload) = payload else {
-        return effort(None);
+        return effort(None, None);
     };
     let (changed, since) = payload.after_release(tool, kinematics, &grasp.free_after);
     let (name, size) = match since {
-        Since::Nothing => return effort(Some(payload)),
+        Since::Nothing => return effort(Some(payload), None),
         Since::Mass(mass) => ("tool_mass", mass),
         Since::Drift(force) => ("sensor_drift", force),
     };
@@ -112,23 +115,22 @@ pub fn changed_effort(
         bias_rate: [0.0; 6],
         ..payload.clone()
     };
-    let tau = effort(Some(&as_measured))?.samples.tau;
-    let mut out = effort(Some(&changed))?;
+    let mut out = effort(Some(&changed), None)?;
+    // By the same poses, so that nothing but the change is between the two.
+    let tau = effort(Some(&as_measured), Some(out.carried))?.samples.tau;
     out.samples.aside.change = Some(Change { name, size, tau });
     Ok(out)
 }
 
 /// Projects every held sample onto the joint and takes the effort; `settings` are the fit's (whose cut-off may be lowered later): positions are weighed
-/// against orientations by what their noise does to the acceleration below the cut-off.
-///
-/// # Errors
-/// When the poses cannot be filtered.
-pub fn joint_effort(
+/// against orientations by what their noise does to the acceleration below the cut-off. `carried` = whether the tool is where the joint carries it, when
+/// that is known.
+fn effort_of(
     tool: &ToolSamples,
     kinematics: &ToolKinematics,
     grasp: &Grasp,
     joint: &RefinedJoint,
-    payload: Option<&Payload>,
+    (payload, carried): (Option<&Payload>, Option<bool>),
     settings: &MotionSettings,
 ) -> Result<JointEffort, MotionError> {
     let index: Vec<usize> = grasp.held.iter().flat_map(Clone::clone).collect();
@@ -140,7 +142,12 @@ pub fn joint_effort(
         next += run.len();
     }
     let coordinate = Coordinate::of(tool, &index, &path, &runs, joint, settings.cutoff_hz)?;
-    let lead = lead::lead(tool, grasp, &joint.axis);
+    let touches = |i: usize| {
+        payload.is_some_and(|payload| {
+            payload.contact(tool, kinematics, i)[0].norm() > grasp::TOUCHING_N
+        })
+    };
+    let lead = lead::lead(tool, grasp, &joint.axis, touches);
     let start = coordinate.q.first().copied().unwrap_or(0.0);
     let all: Vec<f64> = lead
         .iter()
@@ -183,8 +190,8 @@ pub fn joint_effort(
             ..Aside::default()
         },
     };
-    let work = match payload {
-        None => Work::unknown(samples.len()),
+    let (work, carried) = match payload {
+        None => (Work::unknown(samples.len()), false),
         Some(payload) => {
             let handle = Point3::from(tool_position);
             let (held, q) = (samples.runs.as_slice(), samples.q.as_slice());
@@ -194,10 +201,12 @@ pub fn joint_effort(
                 let held = (index.as_slice(), q, rigid);
                 Work::of(tool, kinematics, held, payload, &axis, &handle)
             };
-            match grip {
-                Grip::Firm(rigid) => work(Some(&rigid)),
-                Grip::Loose => work(None),
-                Grip::Doubtful(rigid) => {
+            match (grip, carried) {
+                (Grip::Loose, _) | (_, Some(false)) => (work(None), false),
+                (Grip::Firm(rigid), _) | (Grip::Doubtful(rigid), Some(true)) => {
+                    (work(Some(&rigid)), true)
+                }
+                (Grip::Doubtful(rigid), None) => {
                     let both_works = both(|| work(Some(&rigid)), || work(None));
                     better_explained(&samples, both_works, settings)
                 }
@@ -215,6 +224,7 @@ pub fn joint_effort(
         tool_position: tool_position.into(),
         path,
         nonwork: work.nonwork,
+        carried,
     })
 }
 
@@ -233,13 +243,14 @@ fn offset_std(payload: &Payload, axis: &ScrewAxis, handle: &Point3<f64>, turned:
     torque.hypot(axis.velocity_at(handle).norm() * force)
 }
 
-/// The one whose effort the most flexible model foretells better on held-out strokes.
+/// The one whose effort the most flexible model foretells better on held-out strokes, and whether that is the one by the joint.
 fn better_explained(
     samples: &JointSamples,
     (by_joint, by_tracker): (Work, Work),
     settings: &MotionSettings,
-) -> Work {
-    let left = |work: &Work| {
+) -> (Work, bool) {
+    // One after the other: two motions of an hour are much memory.
+    let left = [&by_joint, &by_tracker].map(|work| {
         let tau = work.tau.clone();
         let samples = JointSamples {
             tau,
@@ -248,10 +259,10 @@ fn better_explained(
         let motion = Motion::prepare(&samples, settings).ok()?;
         let model = fit_with_mechanism(&motion, &[&RigidBody]).ok()?;
         Some(model.held_out_rms)
-    };
-    match both(|| left(&by_joint), || left(&by_tracker)) {
-        (Some(joint), Some(tracker)) if joint < tracker => by_joint,
-        _ => by_tracker,
+    });
+    match left {
+        [Some(joint), Some(tracker)] if joint < tracker => (by_joint, true),
+        _ => (by_tracker, false),
     }
 }
 

@@ -36,6 +36,8 @@ pub struct Grasp {
 
 /// Time left out on either side of a grasp and a release, s: fingers closing, the object settling.
 const MARGIN_S: f64 = 0.3;
+/// A tool that is pushed by so much touches something, N.
+pub(crate) const TOUCHING_N: f64 = 2.0;
 
 impl Grasp {
     /// From the marks `free_air_begin`, `grasp`, `release` of a recording, the longest hold when there are several; `None`
@@ -85,7 +87,7 @@ impl Grasp {
                     .clone()
                     .map(|i| payload.contact(tool, kinematics, i)[0].norm())
                     .sum::<f64>();
-                if mean / part.len() as f64 > 2.0 {
+                if mean / part.len() as f64 > TOUCHING_N {
                     touching.push(tool.time[start]);
                 }
             }
@@ -113,7 +115,7 @@ impl Grasp {
     }
 }
 
-/// What [`MARGIN_S`] leaves out after `grasp`, from the last gap on.
+/// What [`MARGIN_S`] leaves out after `grasp`, of the last run there.
 fn closing(tool: &ToolSamples, grasp: f64) -> Range<usize> {
     let mut runs = tool.runs_within(grasp, grasp + MARGIN_S);
     runs.pop().unwrap_or(0..0)

@@ -1,7 +1,7 @@
 //! Joints as screws: the kind, the axis, and first fits to a track of poses with the choice between the kinds.
 //!
 //! Conventions: `|direction| = 1`; revolute joints have pitch 0 and `point` is the foot of the perpendicular from the
-//! first retained position; a prismatic joint's `point` is that position. All in the track's frame, m and rad.
+//! first retained position; a prismatic joint's `point` is that position (of an effort's axis: from where the tool is at q = 0). All in the track's frame, m and rad.
 
 mod candidate;
 mod orientation;

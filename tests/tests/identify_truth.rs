@@ -231,6 +231,15 @@ fn an_inertia_that_changes_beside_a_strut_is_named_and_leaves_the_floor() {
     }
 }
 
+/// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.
+#[test]
+fn notches_and_ripples_that_make_up_a_load_are_no_name_for_it() {
+    let judged = Pair::of(35_100_087).judged(&[CONFIRM]);
+    assert_eq!(judged.truth, ["toggle_linkage"]);
+    assert_eq!(judged.verdict, Verdict::Unexplained, "{judged:?}");
+    assert!(judged.wrong.is_empty(), "{judged:?}");
+}
+
 /// A weight that a wide notch does for on one recording; and a constant and a friction of two sizes, which no motion tells apart.
 #[test]
 fn a_confirming_recording_tells_look_alikes_apart() {

@@ -315,6 +315,7 @@ const HIDDEN: f64 = 0.3;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
 /// too little beside all others to be sure of its name and less than what stays above the floor, and all curves but one, because several could make up any load.
+/// Three of them do so to the floor, and are taken back whatever is left.
 fn drop_doubtful(
     ground: &Ground,
     floor: f64,
@@ -323,6 +324,16 @@ fn drop_doubtful(
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
     let is_curve = |found: &Found| CURVES.contains(&found.kind.name);
+    if effects.iter().filter(|e| is_curve(&e.found)).count() >= ANY_LOAD {
+        let curves = effects.extract_if(.., |e| is_curve(&e.found));
+        refused.extend(curves.map(|curve| Refused {
+            name: curve.found.kind.name,
+            reason: format!(
+                "{ANY_LOAD} notches and ripples together make up any load: this one has no name"
+            ),
+            held_out_rms: curve.held_out_rms,
+        }));
+    }
     loop {
         let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
@@ -402,6 +413,8 @@ const FAR: f64 = 3.0;
 const SURE_CURVE: f64 = 0.6;
 /// Curves over the coordinate that can sit anywhere: two or three of them make up any load.
 const CURVES: [&str; 2] = ["detent", "ripple"];
+/// So many of them do so to the noise floor.
+const ANY_LOAD: usize = 3;
 
 fn ambiguity(kind: &Kind, rival: Option<Found>) -> Ambiguity {
     Ambiguity {

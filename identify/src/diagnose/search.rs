@@ -118,6 +118,7 @@ pub fn diagnose_without(
 ) -> Result<Diagnosis, DynamicsError> {
     let mut best = searched(samples, settings, barred)?;
     let mut barred = barred.to_vec();
+    let mut stood_in = Vec::new();
     for suspect in SUSPECTS {
         let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
         let named =
@@ -134,12 +135,13 @@ pub fn diagnose_without(
             continue;
         }
         best = without;
-        best.refused.push(Refused {
+        stood_in.push(Refused {
             name: suspect,
             reason: "without it others leave less".to_owned(),
             held_out_rms: [less, left],
         });
     }
+    best.refused.extend(stood_in);
     Ok(best)
 }
 

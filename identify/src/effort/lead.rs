@@ -11,11 +11,18 @@ use crate::tool::ToolSamples;
 /// A tool so near to the joint's path moves the object, m.
 const ON_PATH_M: f64 = 3e-3;
 
-/// The coordinate while the fingers close, from its value at the first held sample: as far back as the tool is on the joint's path. A hand that moves
-/// at once has begun its first stroke there.
-pub(super) fn lead(tool: &ToolSamples, grasp: &Grasp, axis: &ScrewAxis) -> Vec<f64> {
+/// The coordinate while the fingers close, from its value at the first held sample: as far back as the tool is on the joint's path and `touches` something
+/// (to a drawer's handle the hand comes on that path, too). A hand that moves at once has begun its first stroke there.
+pub(super) fn lead(
+    tool: &ToolSamples,
+    grasp: &Grasp,
+    axis: &ScrewAxis,
+    touches: impl Fn(usize) -> bool,
+) -> Vec<f64> {
     let next = grasp.held.first().map_or(0, |run| run.start);
-    if grasp.closing.is_empty() || grasp.closing.end != next {
+    // The sample at the very end of it may be the first held one, too.
+    let closing = grasp.closing.start.min(next)..grasp.closing.end.min(next);
+    if closing.is_empty() || closing.end != next {
         return Vec::new();
     }
     let first = tool.position[next];
@@ -25,8 +32,8 @@ pub(super) fn lead(tool: &ToolSamples, grasp: &Grasp, axis: &ScrewAxis) -> Vec<f
         JointKind::Prismatic => (p - first - direction * along(p)).norm(),
         JointKind::Revolute => along(p).hypot(axis.distance(p) - axis.distance(&first)),
     };
-    let back = grasp.closing.clone().rev();
-    let back = back.take_while(|i| off_path(&tool.position[*i]) < ON_PATH_M);
+    let back = closing.rev();
+    let back = back.take_while(|i| off_path(&tool.position[*i]) < ON_PATH_M && touches(*i));
     let path = &tool.position[next - back.count()..next];
     match axis.kind {
         JointKind::Prismatic => path.iter().map(along).collect(),

@@ -230,7 +230,8 @@ pub fn with_std(value: f64, std: f64) -> String {
 
 /// Three decimals, and three digits at least.
 pub(super) fn figure(value: f64) -> String {
-    let digits = (2.0 - value.abs().log10().floor()).clamp(3.0, 6.0) as usize;
+    let size = if value == 0.0 { 1.0 } else { value.abs() };
+    let digits = (2.0 - size.log10().floor()).clamp(3.0, 6.0) as usize;
     format!("{value:.digits$}")
 }
 
