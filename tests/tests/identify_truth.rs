@@ -10,6 +10,7 @@ use std::time::Duration;
 use ft_identify::analysis::Verdict;
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::identify_confirmed;
+use ft_identify::report::Report;
 use ft_recording::TopicMap;
 use ft_sim_hw::Scenario;
 use ft_sim_hw::sealed::{SealedDraw, SealedOptions};
@@ -105,20 +106,24 @@ fn a_wandering_tracker_pushes_no_light_lid() {
     }
 }
 
+/// What the simulated person does within 22 s, eleven of them at the joint.
+fn report_of_22_s(scenario: &str, seed: u64) -> Report {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    let trial = Trial::plain(Scenario::builtin(scenario).unwrap());
+    let _ = try_record(&trial, seed, Some(Duration::from_secs(22)), &file).unwrap();
+    let (map, settings) = (TopicMap::default(), MotionSettings::default());
+    let found = identify_confirmed(&file, &[], &map, &settings, &mut |_| ()).unwrap();
+    println!("simulated: {}", found.report.summary());
+    found.report
+}
+
 /// A person who moves at once is in the midst of the first stroke when the fingers have closed: the coordinate counts from the grasp all the same, and
 /// opening opens.
 #[test]
 fn a_hand_that_moves_at_once_opens_from_the_grasp() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("a.mcap");
-    let drawer = Trial::plain(Scenario::builtin("drawer_light").unwrap());
-    let (map, settings) = (TopicMap::default(), MotionSettings::default());
     for seed in [4, 8] {
-        let _ = try_record(&drawer, seed, Some(Duration::from_secs(22)), &file).unwrap();
-        let report = identify_confirmed(&file, &[], &map, &settings, &mut |_| ())
-            .unwrap()
-            .report;
-        println!("simulated: {}", report.summary());
+        let report = report_of_22_s("drawer_light", seed);
         let [low, high] = report.joint.q_range;
         assert!(low.abs() < 0.005 && high > 0.3, "{low} to {high}");
         let names: Vec<&str> = report.effects.iter().map(|e| e.name).collect();
@@ -129,16 +134,8 @@ fn a_hand_that_moves_at_once_opens_from_the_grasp() {
 /// Eleven seconds at a closer are too few to find all of it, but what is found is no notch: before the load and the dampers are there, one explains most.
 #[test]
 fn few_strokes_of_a_closer_have_no_notch() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("a.mcap");
-    let door = Trial::plain(Scenario::builtin("wood_door").unwrap());
-    let (map, settings) = (TopicMap::default(), MotionSettings::default());
     for seed in [1, 4, 7] {
-        let _ = try_record(&door, seed, Some(Duration::from_secs(22)), &file).unwrap();
-        let report = identify_confirmed(&file, &[], &map, &settings, &mut |_| ())
-            .unwrap()
-            .report;
-        println!("simulated: {}", report.summary());
+        let report = report_of_22_s("wood_door", seed);
         assert_eq!(report.last.verdict, Verdict::Unexplained);
         let names: BTreeSet<&str> = report.effects.iter().map(|e| e.name).collect();
         assert!(
