@@ -70,41 +70,20 @@ impl State {
             .map(|((found, p), ambiguous)| (found, p, ambiguous))
             .collect();
         rest.extend(weight.map(|weight| (weight, 0.0, Vec::new())));
-        let motion = &self.ground.motion;
-        let mut ordered: Vec<Found> = Vec::new();
+        let refused = self.superfluous(&mut rest, |found| leans && is_known(found))?;
+        self.refused.extend(refused);
         let mut effects = Vec::new();
-        let mut before = fit_found(motion, &ordered)?.held_out_rms;
-        while !rest.is_empty() {
-            let mut errors = Vec::new();
-            for (found, _, _) in &rest {
-                let mut with = ordered.clone();
-                with.push(found.clone());
-                errors.push(fit_found(motion, &with)?.held_out_rms);
-            }
-            let Some(best) = (0..rest.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))
-            else {
-                break;
-            };
-            let (found, p_value, ambiguous_with) = rest.remove(best);
-            let known = leans && is_known(&found);
-            if errors[best] >= before && self.ground.curve.is_empty() && !known {
-                self.refused.push(Refused {
-                    name: found.kind.name,
-                    reason: "it does not lower the error on held-out strokes once signs are kept"
-                        .to_owned(),
-                    held_out_rms: [before, errors[best]],
-                });
-                continue;
-            }
-            ordered.push(found.clone());
+        while let Some((i, [without, with])) = self.least(&rest, |_| false)? {
+            let (found, p_value, ambiguous_with) = rest.remove(i);
             effects.push(NamedEffect {
                 found,
-                held_out_rms: [before, errors[best]],
+                held_out_rms: [without, with],
                 p_value,
                 ambiguous_with,
             });
-            before = errors[best];
         }
+        effects.reverse();
+        let motion = &self.ground.motion;
         let ground = &self.ground;
         let known = |found: &Found| leans && found.kind.name == "gravity";
         let floor = self.floor.rms;
@@ -181,6 +160,58 @@ impl State {
             motion: self.ground.motion,
             samples: self.samples,
         })
+    }
+
+    /// Takes out of `rest` what does not lower the error on held-out strokes beside all others once signs are kept: from the whole model and not
+    /// on the way to it, where a load may be of no use before the dampers that it presses against are there.
+    fn superfluous(
+        &self,
+        rest: &mut Vec<(Found, f64, Vec<Ambiguity>)>,
+        known: impl Fn(&Found) -> bool,
+    ) -> Result<Vec<Refused>, DynamicsError> {
+        let mut refused = Vec::new();
+        if !self.ground.curve.is_empty() {
+            return Ok(refused);
+        }
+        while let Some((i, [without, with])) = self.least(rest, &known)? {
+            if without > with {
+                break;
+            }
+            let (found, ..) = rest.remove(i);
+            refused.push(Refused {
+                name: found.kind.name,
+                reason: "it does not lower the error on held-out strokes once signs are kept"
+                    .to_owned(),
+                held_out_rms: [without, with],
+            });
+        }
+        Ok(refused)
+    }
+
+    /// The effect without which the others err least, of those that are not `known`, and the errors without and with it.
+    fn least(
+        &self,
+        effects: &[(Found, f64, Vec<Ambiguity>)],
+        known: impl Fn(&Found) -> bool,
+    ) -> Result<Option<(usize, [f64; 2])>, DynamicsError> {
+        let error = |left_out: Option<usize>| {
+            let kept = effects
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| Some(*i) != left_out);
+            let found: Vec<Found> = kept.map(|(_, (found, ..))| found.clone()).collect();
+            Ok::<_, DynamicsError>(fit_found(&self.ground.motion, &found)?.held_out_rms)
+        };
+        let mut least: Option<(usize, f64)> = None;
+        for i in (0..effects.len()).filter(|&i| !known(&effects[i].0)) {
+            let without = error(Some(i))?;
+            if least.is_none_or(|(_, least)| without < least) {
+                least = Some((i, without));
+            }
+        }
+        least
+            .map(|(i, without)| Ok((i, [without, error(None)?])))
+            .transpose()
     }
 
     /// The weight of a part whose axis is seen to lean: no search is needed for it. A spring may hold all of it; what is left to it
