@@ -16,6 +16,8 @@ use crate::least_squares::rms;
 const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
+/// What ends so near the end of the range, as a share of it, goes on to it.
+const NEAR_END: f64 = 0.05;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
@@ -67,6 +69,8 @@ impl State {
     /// begins: a valve that opens for both together is a valve of each only when they lie side by side.
     fn part(&mut self) -> Result<(), DynamicsError> {
         let [low, high] = self.ground.scope().q;
+        let near = NEAR_END * (high - low);
+        let (low, high) = (low + near, high - near);
         for i in 0..self.effects.len() {
             for j in 0..self.effects.len() {
                 let (outer, inner) = (&self.effects[i].0, &self.effects[j].0);
