@@ -53,6 +53,7 @@ impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
+        self.simplify_loads()?;
         if self.fit()?.held_out_rms > 1.02 * before {
             self.effects = as_was;
         }

@@ -66,19 +66,20 @@ impl State {
     }
 
     /// Where one damper lies within another of the same direction up to its end, lets the outer one end where the inner one
-    /// begins: a valve that opens for both together is a valve of each only when they lie side by side.
+    /// begins: a valve that opens for both together is a valve of each only when they lie side by side. An inner one that acts both ways
+    /// may do so for want of what the outer one hides, and is then of its direction.
     fn part(&mut self) -> Result<(), DynamicsError> {
         let [low, high] = self.ground.scope().q;
         let near = NEAR_END * (high - low);
-        let (low, high) = (low + near, high - near);
         for i in 0..self.effects.len() {
             for j in 0..self.effects.len() {
                 let (outer, inner) = (&self.effects[i].0, &self.effects[j].0);
                 let zones = outer.kind.name == "damping_zone" && inner.kind.name == "damping_zone";
-                if i == j || !zones || outer.shape[2] != inner.shape[2] {
+                if i == j || !zones || ![outer.shape[2], 0.0].contains(&inner.shape[2]) {
                     continue;
                 }
-                let (from, to) = (inner.shape[0], inner.shape[1]);
+                let (from, to, edge) = (inner.shape[0], inner.shape[1], inner.shape[3]);
+                let (low, high) = (low + near + edge, high - near - edge);
                 let inside = |q: f64| outer.shape[0].max(low) < q && q < outer.shape[1].min(high);
                 let mut parted = outer.clone();
                 if inside(from) && to >= high && outer.shape[1] >= high {
@@ -88,8 +89,9 @@ impl State {
                 } else {
                     continue;
                 }
-                parted.shape[3] = inner.shape[3];
+                parted.shape[3] = edge;
                 let (as_was, before) = (self.effects.clone(), self.error()?);
+                self.effects[j].0.shape[2] = parted.shape[2];
                 self.effects[i].0 = parted;
                 self.relieve()?;
                 self.polish()?;
@@ -342,6 +344,51 @@ impl State {
             .own_mse(&problem, &self.effects[i].0)
             .unwrap_or(f64::INFINITY);
         Ok((look(&self.ground, &self.bank, &x, &efforts)?, own))
+    }
+
+    /// Takes loads that do no better than a simpler one for that: a drift that does not drift, and a constant and a weight that a spring does
+    /// as well as, where nothing but the effort tells of the weight.
+    pub(super) fn simplify_loads(&mut self) -> Result<(), DynamicsError> {
+        self.unless_needed(&["sensor_drift"], "constant_load")?;
+        let aside = &self.samples.aside;
+        if !aside.lies && aside.lean.is_none() {
+            self.unless_needed(&["constant_load", "gravity"], "spring")?;
+        }
+        Ok(())
+    }
+
+    /// Puts one effect in the place of several, when the numbers that this spares are worth what it errs more.
+    fn unless_needed(&mut self, several: &[&str], one: &str) -> Result<(), DynamicsError> {
+        let Some(candidate) = self.bank.iter().find(|c| c.kind.name == one) else {
+            return Ok(());
+        };
+        let there = |name: &str| self.effects.iter().position(|(f, _)| f.kind.name == name);
+        let places: Option<Vec<usize>> = several.iter().map(|name| there(name)).collect();
+        let (Some(places), None, true) = (places, there(one), self.ground.curve.is_empty()) else {
+            return Ok(());
+        };
+        let freedom = |i: &usize| {
+            let found = &self.effects[*i].0;
+            found.kind.freedom_of(&found.used)
+        };
+        let used = vec![true; candidate.kind.terms.len()];
+        let spared = places.iter().map(freedom).sum::<usize>() as f64
+            - candidate.kind.freedom_of(&used) as f64;
+        let simple = self
+            .ground
+            .found(candidate.kind, candidate.shape.clone(), used);
+        let independent = 0.5 * self.ground.y.len() as f64;
+        let price = (0.5 * spared * independent.ln() / independent).exp();
+        let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
+        self.effects[places[0]].0 = simple;
+        let mut place = 0..;
+        self.effects
+            .retain(|_| place.next().is_none_or(|i| !places[1..].contains(&i)));
+        self.polish()?;
+        if self.error_with_signs()? > price * before {
+            self.effects = as_was;
+        }
+        Ok(())
     }
 
     /// Takes dampers that act one way over all of the range for what they are.
