@@ -107,8 +107,7 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays; so where dampers are named with what a closer
-/// mostly has first.
+/// more than noise is left, the search is made without it, too, and that which leaves less stays.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -117,7 +116,7 @@ pub fn diagnose_without(
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
-    let mut best = searched(samples, settings, barred, First::Any)?;
+    let mut best = searched(samples, settings, barred)?;
     let mut barred = barred.to_vec();
     let mut stood_in = Vec::new();
     for suspect in SUSPECTS {
@@ -129,7 +128,7 @@ pub fn diagnose_without(
             continue;
         }
         barred.push(suspect);
-        let without = searched(samples, settings, &barred, First::Any)?;
+        let without = searched(samples, settings, &barred)?;
         let less = without.model.held_out_rms;
         if less > RIVAL_BELOW * left {
             barred.pop();
@@ -142,35 +141,9 @@ pub fn diagnose_without(
             held_out_rms: [less, left],
         });
     }
-    let is_damper = |effect: &NamedEffect| DAMPERS.contains(&effect.found.kind.name);
-    if best.effects.iter().any(is_damper) && best.model.held_out_rms >= MUCH * best.floor.rms {
-        let staged = searched(samples, settings, &barred, First::Common)?;
-        if staged.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
-            best = staged;
-        }
-    }
     best.refused.extend(stood_in);
     Ok(best)
 }
-
-/// What a search begins with.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum First {
-    /// Whatever explains most.
-    Any,
-    /// Of [`COMMON`] whatever explains most, until none of them is left to add.
-    Common,
-}
-
-/// What a part that closes by itself mostly has.
-const COMMON: [&str; 6] = [
-    "spring",
-    "gravity",
-    "constant_load",
-    "asymmetric_coulomb",
-    "damping_zone",
-    "asymmetric_viscous",
-];
 
 /// Effects that have been found in the place of others.
 const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
@@ -181,19 +154,11 @@ fn searched(
     samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
-    first: First,
 ) -> Result<Diagnosis, DynamicsError> {
     let mut state = State::new(samples.clone(), *settings)?;
     state
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
-    if first == First::Common {
-        let is_rare = |candidate: &mut Candidate| !COMMON.contains(&candidate.kind.name);
-        let rare: Vec<Candidate> = state.bank.extract_if(.., is_rare).collect();
-        state.search()?;
-        state.given_up.clear();
-        state.bank.extend(rare);
-    }
     state.search()?;
     state.latch()?;
     state.search_dampers_again()?;
@@ -307,7 +272,7 @@ impl State {
         Ok(())
     }
 
-    /// Where something is left beside several dampers and other effects, looks for the dampers anew beside these: the places
+    /// Where something is left beside several dampers and two or more other effects, looks for the dampers anew beside these: the places
     /// of the first are chosen while what comes later is missing, and hold the others where they are. What is found so is taken when it
     /// errs a twentieth less, and not by a curve of no name. By the errors with the signs of physics: a damper of the wrong sign may
     /// reach the floor, and has hidden what is there.
@@ -318,7 +283,8 @@ impl State {
             .iter()
             .filter(|effect| is_damper(effect))
             .count();
-        if dampers < 2 || self.effects.len() == dampers {
+        // The load that everything began with is no news.
+        if dampers < 2 || self.effects.len() < dampers + 2 {
             return Ok(());
         }
         let before = self.error_with_signs()?;
