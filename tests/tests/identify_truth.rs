@@ -228,6 +228,24 @@ fn an_inertia_that_changes_beside_a_strut_is_named_and_leaves_the_floor() {
     }
 }
 
+/// Two dampers of a closer lie side by side. One over both that begins askew, with another on it that drives or acts both ways, leaves a few
+/// floors: there the search once stayed, with names for what was wrong with it. Loads that only together hold the door were lost one by one.
+#[test]
+fn dampers_side_by_side_are_told_apart_whatever_is_beside_them() {
+    for (seed, name) in [
+        (45_100_113, None),
+        (45_100_128, Some("gravity")),
+        (55_100_137, Some("grasp_compliance")),
+        (55_100_224, Some("ripple")),
+    ] {
+        let judged = Pair::of(seed).judged(&[CONFIRM]);
+        assert!(judged.truth.iter().eq(&name), "{judged:?}");
+        assert_eq!(judged.found, judged.truth.len(), "{judged:?}");
+        assert!(judged.wrong.is_empty(), "{judged:?}");
+        assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+    }
+}
+
 /// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.
 #[test]
 fn notches_and_ripples_that_make_up_a_load_are_no_name_for_it() {

@@ -382,14 +382,19 @@ fn drop_doubtful(
             let (before, after) = (before?, after?);
             let share = 1.0 - (after / before).powi(2);
             let curve = is_curve(found);
+            let very_far = after > VERY_FAR * floor && !is_smooth_load(found.kind);
             let sure = match (curve, after > FAR * floor) {
+                // Beside a load of no name it may be a part of that.
+                (true, _) if !ground.curve.is_empty() => 1.0,
                 (true, _) => SURE_CURVE,
+                (false, true) if very_far => SURE_VERY_FAR,
                 (false, true) => SURE_FAR,
                 (false, false) => SURE,
             };
             // What explains more than all that stays above the floor is no stand-in for it.
             let stays = after.powi(2) - floor.powi(2);
-            let little = share < sure && (curve || before.powi(2) - after.powi(2) < stays);
+            let outdone = before.powi(2) - after.powi(2) < stays;
+            let little = share < sure && (curve || very_far || outdone);
             let doubtful = (little || curve && curves > 1) && !known(found);
             if doubtful && least.is_none_or(|(_, old, _)| share < old) {
                 least = Some((i, share, [before, after]));
@@ -441,6 +446,9 @@ const SURE: f64 = 0.3;
 const SURE_FAR: f64 = 0.5;
 /// So many floors are many.
 const FAR: f64 = 3.0;
+/// The same where so many are left that what is named is a small part of what there is; a smooth load is there whatever else is.
+const SURE_VERY_FAR: f64 = 0.75;
+const VERY_FAR: f64 = 5.0;
 /// The same for a curve over the coordinate.
 const SURE_CURVE: f64 = 0.6;
 /// Curves over the coordinate that can sit anywhere: two or three of them make up any load.

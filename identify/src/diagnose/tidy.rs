@@ -1,5 +1,6 @@
 //! After each effect: shapes of all anew, reliefs, replacements, and what has become superfluous.
 
+use super::confirm::shown;
 use super::gates::most_of;
 use super::model::{Found, is_load, signs_hold};
 use super::scan::{LEVELS, Look, WORSE, look};
@@ -27,6 +28,7 @@ impl State {
         self.unless_worse(Self::relieve)?;
         self.polish()?;
         self.part()?;
+        self.join()?;
         self.unless_worse(Self::relieve)
     }
 
@@ -90,12 +92,44 @@ impl State {
                     continue;
                 }
                 parted.shape[3] = edge;
-                let (as_was, before) = (self.effects.clone(), self.error()?);
+                let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
                 self.effects[j].0.shape[2] = parted.shape[2];
                 self.effects[i].0 = parted;
                 self.relieve()?;
                 self.polish()?;
-                if self.error()? >= before {
+                if self.error_with_signs()? >= before {
+                    self.effects = as_was;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Where one damper ends and another one that acts both ways begins, the first may go on and the other act one way only.
+    fn join(&mut self) -> Result<(), DynamicsError> {
+        let [low, high] = self.ground.scope().q;
+        for i in 0..self.effects.len() {
+            for j in 0..self.effects.len() {
+                let (one_way, both) = (&self.effects[i].0, &self.effects[j].0);
+                let zones = one_way.kind.name == "damping_zone" && both.kind.name == "damping_zone";
+                if i == j || !zones || one_way.shape[2] == 0.0 || both.shape[2] != 0.0 {
+                    continue;
+                }
+                let near = NEAR_END * (high - low) + one_way.shape[3] + both.shape[3];
+                let mut joined = one_way.clone();
+                if (one_way.shape[1] - both.shape[0]).abs() < near {
+                    joined.shape[1] = both.shape[1];
+                } else if (one_way.shape[0] - both.shape[1]).abs() < near {
+                    joined.shape[0] = both.shape[0];
+                } else {
+                    continue;
+                }
+                let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
+                self.effects[j].0.shape[2] = -joined.shape[2];
+                self.effects[i].0 = joined;
+                self.relieve()?;
+                self.polish()?;
+                if self.error_with_signs()? >= before {
                     self.effects = as_was;
                 }
             }
@@ -288,7 +322,8 @@ impl State {
     /// The same with terms of the signs that physics allows; beside a curve, of which no bounded fit is made, without.
     pub(super) fn error_with_signs(&self) -> Result<f64, DynamicsError> {
         if self.ground.curve.is_empty() {
-            Ok(self.fit()?.held_out_rms)
+            let fit = shown(self.fit())?;
+            Ok(fit.map_or(f64::INFINITY, |fit| fit.held_out_rms))
         } else {
             self.error()
         }
