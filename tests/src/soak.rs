@@ -174,6 +174,7 @@ pub fn run(plan: &Plan) -> Result<Report, SoakError> {
         let player = player.start(orders.clone())?;
         let counters = Arc::new(StreamCounters::default());
         let thread = LinkThread {
+            processor: None,
             clock,
             channel: Channel::new(index, queues.clone(), Arc::clone(&counters), Duration::ZERO),
             counters: Arc::clone(&counters),

@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
+use ft_drivers::priority::processors;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
 use serde_json::{Value, json};
@@ -53,6 +54,12 @@ pub fn run(
     connections: Vec<Connection>,
     surroundings: &mut impl Surroundings,
 ) -> Result<Summary, SessionError> {
+    if let Some(asked) = plan.config.network.processor {
+        let allowed = processors();
+        if !allowed.contains(&asked) {
+            return Err(SessionError::NoSuchProcessor { asked, allowed });
+        }
+    }
     let start = clock.now();
     let (mut queues, ends) = queues(plan.publish);
     let counters: Vec<_> = plan
@@ -159,6 +166,7 @@ fn open_links(
                 .sampling_evenly(device.driver.samples_evenly()),
             counters: Arc::clone(counters),
             stop: Arc::clone(stop),
+            processor: plan.config.network.processor,
         };
         match open::spawn(device, connection, clock, thread) {
             Ok(started) => {

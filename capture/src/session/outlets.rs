@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
-use ft_drivers::priority::{Duty, prefer_this_thread};
+use ft_drivers::priority::{Duty, keep_this_thread_on, prefer_this_thread};
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
 
@@ -34,14 +34,16 @@ impl Outlets {
     }
 
     /// Publishes what comes, `/diagnostics` once a second at least, until nobody sends any more; the calling thread is preferred to
-    /// ordinary ones. The messages that were refused, and the outlets: what they keep may still be asked for.
+    /// ordinary ones, and kept on a `processor`. The messages that were refused, and the outlets: what they keep may still be asked for.
     #[must_use]
     pub fn publish_until_closed(
         mut self,
         items: &Receiver<Item>,
         clock: MonotonicClock,
+        processor: Option<usize>,
     ) -> (u64, Self) {
         let _ = prefer_this_thread(Duty::Publishing);
+        let _ = processor.map(keep_this_thread_on);
         let mut refused = 0;
         // No time-out: to set a timer for each message takes longer than to encode it.
         for item in items {

@@ -77,8 +77,9 @@ impl Publisher {
             return Ok(publisher);
         }
         let outlets = Outlets::new(sink, publisher.hub.clone());
+        let processor = plan.config.network.processor;
         publisher.thread = Some(spawn("ft-publisher", move || {
-            outlets.publish_until_closed(&items, clock)
+            outlets.publish_until_closed(&items, clock, processor)
         })?);
         Ok(publisher)
     }

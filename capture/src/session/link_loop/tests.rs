@@ -63,6 +63,7 @@ fn run_from(
     let (told, stop) = (Told::default(), Arc::new(AtomicBool::new(false)));
     let counters = Arc::new(StreamCounters::default());
     let thread = LinkThread {
+        processor: None,
         clock,
         channel: Channel::new(0, told.clone(), Arc::clone(&counters), Duration::ZERO),
         counters,
