@@ -167,19 +167,6 @@ impl JointSamples {
         out.aside.slips_left_in = true;
         out
     }
-
-    /// The same joint with the coordinate and the effort reversed.
-    #[must_use]
-    pub fn reversed(mut self) -> Self {
-        let tool = &mut self.aside.tool;
-        for value in self.q.iter_mut().chain(&mut self.tau).chain(tool) {
-            *value = -*value;
-        }
-        if let Some(change) = &mut self.aside.change {
-            change.tau.iter_mut().for_each(|value| *value = -*value);
-        }
-        self
-    }
 }
 
 /// Smallest and largest value; (0, 0) when empty.

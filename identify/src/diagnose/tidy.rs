@@ -28,7 +28,6 @@ impl State {
         self.unless_worse(Self::relieve)?;
         self.polish()?;
         self.part()?;
-        self.join()?;
         self.unless_worse(Self::relieve)
     }
 
@@ -67,34 +66,17 @@ impl State {
         Ok(())
     }
 
-    /// Where one damper lies within another of the same direction up to its end, lets the outer one end where the inner one
-    /// begins: a valve that opens for both together is a valve of each only when they lie side by side. An inner one that acts both ways
-    /// may do so for want of what the outer one hides, and is then of its direction.
+    /// Lays dampers side by side, two at a time, where the model with the signs of physics then errs less: they were found one after the other,
+    /// and the first took up what it could of the second.
     fn part(&mut self) -> Result<(), DynamicsError> {
-        let [low, high] = self.ground.scope().q;
-        let near = NEAR_END * (high - low);
         for i in 0..self.effects.len() {
             for j in 0..self.effects.len() {
-                let (outer, inner) = (&self.effects[i].0, &self.effects[j].0);
-                let zones = outer.kind.name == "damping_zone" && inner.kind.name == "damping_zone";
-                if i == j || !zones || ![outer.shape[2], 0.0].contains(&inner.shape[2]) {
+                let Some((first, second)) = self.side_by_side(i, j) else {
                     continue;
-                }
-                let (from, to, edge) = (inner.shape[0], inner.shape[1], inner.shape[3]);
-                let (low, high) = (low + near + edge, high - near - edge);
-                let inside = |q: f64| outer.shape[0].max(low) < q && q < outer.shape[1].min(high);
-                let mut parted = outer.clone();
-                if inside(from) && to >= high && outer.shape[1] >= high {
-                    parted.shape[1] = from;
-                } else if inside(to) && from <= low && outer.shape[0] <= low {
-                    parted.shape[0] = to;
-                } else {
-                    continue;
-                }
-                parted.shape[3] = edge;
+                };
                 let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
-                self.effects[j].0.shape[2] = parted.shape[2];
-                self.effects[i].0 = parted;
+                self.effects[i].0 = first;
+                self.effects[j].0 = second;
                 self.relieve()?;
                 self.polish()?;
                 if self.error_with_signs()? >= before {
@@ -105,36 +87,48 @@ impl State {
         Ok(())
     }
 
-    /// Where one damper ends and another one that acts both ways begins, the first may go on and the other act one way only.
-    fn join(&mut self) -> Result<(), DynamicsError> {
+    /// Dampers `i` and `j` as two that lie side by side, where they may be. One within another of the same direction up to its end: the
+    /// outer one ends where the inner one begins, because a valve that opens for both together is a valve of each only when they lie so; an inner
+    /// one that acts both ways may do so for want of what the outer one hides, and is then of its direction. And one that ends where another
+    /// begins that acts both ways: the first may go on and the other act against it only.
+    fn side_by_side(&self, i: usize, j: usize) -> Option<(Found, Found)> {
+        let (first, second) = (&self.effects[i].0, &self.effects[j].0);
+        let zones = first.kind.name == "damping_zone" && second.kind.name == "damping_zone";
+        if i == j || !zones {
+            return None;
+        }
         let [low, high] = self.ground.scope().q;
-        for i in 0..self.effects.len() {
-            for j in 0..self.effects.len() {
-                let (one_way, both) = (&self.effects[i].0, &self.effects[j].0);
-                let zones = one_way.kind.name == "damping_zone" && both.kind.name == "damping_zone";
-                if i == j || !zones || one_way.shape[2] == 0.0 || both.shape[2] != 0.0 {
-                    continue;
-                }
-                let near = NEAR_END * (high - low) + one_way.shape[3] + both.shape[3];
-                let mut joined = one_way.clone();
-                if (one_way.shape[1] - both.shape[0]).abs() < near {
-                    joined.shape[1] = both.shape[1];
-                } else if (one_way.shape[0] - both.shape[1]).abs() < near {
-                    joined.shape[0] = both.shape[0];
-                } else {
-                    continue;
-                }
-                let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
-                self.effects[j].0.shape[2] = -joined.shape[2];
-                self.effects[i].0 = joined;
-                self.relieve()?;
-                self.polish()?;
-                if self.error_with_signs()? >= before {
-                    self.effects = as_was;
-                }
+        let (mut parted, mut other) = (first.clone(), second.clone());
+        let [from, to, way, edge] = [0, 1, 2, 3].map(|k| first.shape[k]);
+        let [begin, end, its_way, its_edge] = [0, 1, 2, 3].map(|k| second.shape[k]);
+        let both_ways = its_way == 0.0 && way != 0.0;
+        if way == its_way || both_ways {
+            let near = NEAR_END * (high - low) + its_edge;
+            let (low, high) = (low + near, high - near);
+            let inside = |q: f64| from.max(low) < q && q < to.min(high);
+            (other.shape[2], parted.shape[3]) = (way, its_edge);
+            if inside(begin) && end >= high && to >= high {
+                parted.shape[1] = begin;
+                return Some((parted, other));
+            }
+            if inside(end) && begin <= low && from <= low {
+                parted.shape[0] = end;
+                return Some((parted, other));
             }
         }
-        Ok(())
+        if both_ways {
+            let near = NEAR_END * (high - low) + edge + its_edge;
+            (other.shape[2], parted.shape[3]) = (-way, edge);
+            if (to - begin).abs() < near {
+                parted.shape[1] = end;
+                return Some((parted, other));
+            }
+            if (from - end).abs() < near {
+                parted.shape[0] = begin;
+                return Some((parted, other));
+            }
+        }
+        None
     }
 
     /// Gives dampers a relief valve, or takes it away, as the fit to all blocks asks for at the price of two more numbers. By

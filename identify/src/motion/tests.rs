@@ -208,16 +208,16 @@ fn single_samples_are_filtered_as_the_whole_series() {
 #[test]
 fn columns_that_come_and_go_are_filtered_like_whole_series() {
     let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
-    let entries = |i: usize| -> Vec<(usize, f64)> {
-        let value = 1.0 + motion.dq[i];
+    let entries = |i: usize, dq: f64| -> Vec<(usize, f64)> {
+        let value = 1.0 + dq;
         let few = (0..i / 13 % 7).map(|j| ((i / 13 + j) % 9, value * (j + 1) as f64));
         few.collect()
     };
     let mut sparse = SparseColumns::with_capacity(motion.q.len(), 3);
     let mut series = vec![vec![0.0; motion.q.len()]; 9];
-    for i in 0..motion.q.len() {
-        sparse.push(entries(i));
-        for (column, value) in entries(i) {
+    for (i, dq) in motion.dq.iter().enumerate() {
+        sparse.push(entries(i, *dq));
+        for (column, value) in entries(i, *dq) {
             series[column][i] += value;
         }
     }
