@@ -144,8 +144,6 @@ pub fn analyse_confirmed(
     let slopes = slopes_of(motion, &diagnosis.found(), full.theta.as_slice());
     let mut floor = noise::floor(samples, motion, &full, slopes)?;
     floor.rms = floor.rms.max(diagnosis.simulated_rms);
-    // What no model can leave less than by chance; an axis that shifts or pads that give look like a tracker's noise.
-    let floor = floor.at_most(full.held_out_rms);
     let tau = motion.regressor(&motion.tau)?;
     let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());

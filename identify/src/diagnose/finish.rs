@@ -2,6 +2,7 @@
 
 use nalgebra::{Cholesky, DVector, Dyn};
 
+use super::confirm::shown;
 use super::gates::{GIVES, LEAST_SIZE};
 use super::model::{Found, Ground, is_known, is_smooth_load};
 use super::score::{Problem, factor, gram};
@@ -53,10 +54,10 @@ impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
-        self.simplify_loads()?;
-        if self.fit()?.held_out_rms > 1.02 * before {
+        if shown(self.fit())?.is_none_or(|fit| fit.held_out_rms > 1.02 * before) {
             self.effects = as_was;
         }
+        self.simplify_loads()?;
         let as_found = self.effects.clone();
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
@@ -346,8 +347,8 @@ const LEAST_BESIDE: f64 = 3e-3;
 const HIDDEN: f64 = 0.3;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
-/// too little beside all others to be sure of its name and less than what stays above the floor, and all curves but one, because several could make up any load.
-/// Three of them do so to the floor, and are taken back whatever is left.
+/// too little beside all others to be sure of its name and less than what stays above the floor (curves: whatever stays), and all curves but one,
+/// because several could make up any load. Three of them do so to the floor, and are taken back whatever is left.
 fn drop_doubtful(
     ground: &Ground,
     floor: f64,
@@ -366,6 +367,7 @@ fn drop_doubtful(
             held_out_rms: curve.held_out_rms,
         }));
     }
+    drop_small(ground, floor, &known, effects, refused)?;
     loop {
         let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
@@ -374,27 +376,19 @@ fn drop_doubtful(
         let curves = all.iter().filter(|found| is_curve(found)).count();
         let mut least: Option<(usize, f64, [f64; 2])> = None;
         for (i, found) in all.iter().enumerate() {
-            let mut others = all.clone();
-            others.remove(i);
-            let beside_curve = !is_smooth_load(found.kind) && found.kind.name != "catch";
-            let [before, after] =
-                [&others, &all].map(|found| error_of(ground, found, beside_curve));
-            let (before, after) = (before?, after?);
+            let [before, after] = beside_others(ground, &all, i)?;
             let share = 1.0 - (after / before).powi(2);
             let curve = is_curve(found);
-            let very_far = after > VERY_FAR * floor && !is_smooth_load(found.kind);
             let sure = match (curve, after > FAR * floor) {
-                // Beside a load of no name it may be a part of that.
-                (true, _) if !ground.curve.is_empty() => 1.0,
+                (true, _) if !ground.curve.is_empty() => SURE_BESIDE_CURVE,
                 (true, _) => SURE_CURVE,
-                (false, true) if very_far => SURE_VERY_FAR,
                 (false, true) => SURE_FAR,
                 (false, false) => SURE,
             };
             // What explains more than all that stays above the floor is no stand-in for it.
             let stays = after.powi(2) - floor.powi(2);
             let outdone = before.powi(2) - after.powi(2) < stays;
-            let little = share < sure && (curve || very_far || outdone);
+            let little = share < sure && (curve || outdone);
             let doubtful = (little || curve && curves > 1) && !known(found);
             if doubtful && least.is_none_or(|(_, old, _)| share < old) {
                 least = Some((i, share, [before, after]));
@@ -415,6 +409,44 @@ fn drop_doubtful(
         before = after;
     }
     Ok(())
+}
+
+/// While very much is left: takes back what explains but a small part of what is there without it. All at once, because what goes makes the share
+/// of what stays smaller; and no load that a curve would hold, because it is judged without one.
+fn drop_small(
+    ground: &Ground,
+    floor: f64,
+    known: impl Fn(&Found) -> bool,
+    effects: &mut Vec<NamedEffect>,
+    refused: &mut Vec<Refused>,
+) -> Result<(), DynamicsError> {
+    let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+    for i in (0..all.len()).rev() {
+        let found = &all[i];
+        let [before, after] = beside_others(ground, &all, i)?;
+        let share = 1.0 - (after / before).powi(2);
+        let judged = is_beside_curve(found) && !CURVES.contains(&found.kind.name) && !known(found);
+        if judged && after > VERY_FAR * floor && share < SURE_VERY_FAR {
+            effects.remove(i);
+            refused.push(doubt(found.kind.name, share, [before, after], floor));
+        }
+    }
+    Ok(())
+}
+
+/// Held-out errors without and with effect `i`, beside the others and, where it is none that a curve would hold, the curve of the search.
+fn beside_others(ground: &Ground, all: &[Found], i: usize) -> Result<[f64; 2], DynamicsError> {
+    let mut others = all.to_vec();
+    others.remove(i);
+    let beside_curve = is_beside_curve(&all[i]);
+    Ok([
+        error_of(ground, &others, beside_curve)?,
+        error_of(ground, all, beside_curve)?,
+    ])
+}
+
+fn is_beside_curve(found: &Found) -> bool {
+    !is_smooth_load(found.kind) && found.kind.name != "catch"
 }
 
 /// Held-out error of a model, beside the curve of the search if there is one.
@@ -446,11 +478,13 @@ const SURE: f64 = 0.3;
 const SURE_FAR: f64 = 0.5;
 /// So many floors are many.
 const FAR: f64 = 3.0;
-/// The same where so many are left that what is named is a small part of what there is; a smooth load is there whatever else is.
+/// The same where so many are left that what is named is a small part of what there is.
 const SURE_VERY_FAR: f64 = 0.75;
 const VERY_FAR: f64 = 5.0;
 /// The same for a curve over the coordinate.
 const SURE_CURVE: f64 = 0.6;
+/// The same beside a load of no name, of which it may be a part.
+const SURE_BESIDE_CURVE: f64 = 0.9;
 /// Curves over the coordinate that can sit anywhere: two or three of them make up any load.
 const CURVES: [&str; 2] = ["detent", "ripple"];
 /// So many of them do so to the noise floor.

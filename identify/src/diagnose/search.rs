@@ -55,7 +55,8 @@ pub struct Refused {
 /// What the search found.
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
-    /// Effects in the order in which they lower the error most.
+    /// Effects, the last the one without which the others err least, and so on: mostly each lowers the error of those before it, but a load may do
+    /// so only beside the dampers that it presses against.
     pub effects: Vec<NamedEffect>,
     /// Candidates turned down.
     pub refused: Vec<Refused>,

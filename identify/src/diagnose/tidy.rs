@@ -17,7 +17,7 @@ use crate::least_squares::rms;
 const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
-/// What ends so near the end of the range, as a share of it, goes on to it.
+/// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
 const NEAR_END: f64 = 0.05;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
@@ -314,13 +314,13 @@ impl State {
     }
 
     /// The same with terms of the signs that physics allows; beside a curve, of which no bounded fit is made, without.
+    /// Infinite where the motion does not show the terms apart.
     pub(super) fn error_with_signs(&self) -> Result<f64, DynamicsError> {
-        if self.ground.curve.is_empty() {
-            let fit = shown(self.fit())?;
-            Ok(fit.map_or(f64::INFINITY, |fit| fit.held_out_rms))
-        } else {
-            self.error()
-        }
+        Ok(match shown(self.fit())? {
+            None => f64::INFINITY,
+            Some(fit) if self.ground.curve.is_empty() => fit.held_out_rms,
+            Some(_) => self.error()?,
+        })
     }
 
     /// Columns of the model without effect `i`; a curve is none when the effect is one that it could stand in for.
