@@ -9,6 +9,7 @@
 mod apart;
 mod breakaway;
 mod confirm;
+mod dampers;
 mod elsewhere;
 mod evidence;
 mod finish;

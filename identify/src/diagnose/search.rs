@@ -1,7 +1,9 @@
 //! The loop.
 
 use super::gates::limit;
-use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
+use super::model::{
+    Candidate, Found, Ground, bank, blocks, is_known, is_load, is_smooth_load, slopes_of,
+};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
@@ -77,14 +79,12 @@ pub struct Diagnosis {
 }
 
 /// A rival takes the place of the best candidate when its whole model errs so much less.
-const RIVAL_BELOW: f64 = 0.95;
+pub(super) const RIVAL_BELOW: f64 = 0.95;
 /// A named load does as well as a curve when the whole model errs no more than so many times as much.
 const AS_WELL: f64 = 1.05;
 /// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
 const GAINED_BELOW: f64 = 0.999;
 const REPLICATES: usize = 40;
-/// What slows, and where, is one matter.
-const DAMPERS: [&str; 2] = ["damping_zone", "asymmetric_viscous"];
 const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
@@ -108,7 +108,8 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays.
+/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load at first where none was
+/// found: a damper may have taken its place.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -117,20 +118,27 @@ pub fn diagnose_without(
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
-    let mut best = searched(samples, settings, barred)?;
+    let mut best = searched(samples, settings, barred, First::Any)?;
+    let is_smooth =
+        |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
+    if best.is_far() && !best.effects.iter().any(is_smooth) {
+        let loaded = searched(samples, settings, barred, First::Load)?;
+        if loaded.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
+            best = loaded;
+        }
+    }
     let mut barred = barred.to_vec();
     let mut stood_in = Vec::new();
     for suspect in SUSPECTS {
         let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
         let named =
             best.effects.iter().any(is_suspect) || suspect == TIME_LAG.name && best.lag_s.is_some();
-        let left = best.model.held_out_rms;
-        if !named || left < MUCH * best.floor.rms {
+        if !named || !best.is_far() {
             continue;
         }
         barred.push(suspect);
-        let without = searched(samples, settings, &barred)?;
-        let less = without.model.held_out_rms;
+        let without = searched(samples, settings, &barred, First::Any)?;
+        let [left, less] = [&best, &without].map(|found| found.model.held_out_rms);
         if less > RIVAL_BELOW * left {
             barred.pop();
             continue;
@@ -149,17 +157,32 @@ pub fn diagnose_without(
 /// Effects that have been found in the place of others.
 const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
 /// That many noise floors are much more than noise.
-const MUCH: f64 = 2.0;
+pub(super) const MUCH: f64 = 2.0;
+
+/// What a search begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum First {
+    Any,
+    /// A load over the whole range.
+    Load,
+}
 
 fn searched(
     samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
+    first: First,
 ) -> Result<Diagnosis, DynamicsError> {
     let mut state = State::new(samples.clone(), *settings)?;
     state
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
+    if first == First::Load {
+        let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
+        let others: Vec<Candidate> = state.bank.extract_if(.., other).collect();
+        state.step()?;
+        state.bank.extend(others);
+    }
     state.search()?;
     state.latch()?;
     state.search_dampers_again()?;
@@ -167,6 +190,11 @@ fn searched(
 }
 
 impl Diagnosis {
+    /// Whether much more than noise is left.
+    fn is_far(&self) -> bool {
+        self.model.held_out_rms > MUCH * self.floor.rms
+    }
+
     /// The effects that have regressors: all but those that were taken out of the samples.
     #[must_use]
     pub fn found(&self) -> Vec<Found> {
@@ -273,44 +301,6 @@ impl State {
         Ok(())
     }
 
-    /// Where something is left beside several dampers and two or more other effects, looks for the dampers anew beside these: the places
-    /// of the first are chosen while what comes later is missing, and hold the others where they are. What is found so is taken when it
-    /// errs a twentieth less, and not by a curve of no name. By the errors with the signs of physics: a damper of the wrong sign may
-    /// reach the floor, and has hidden what is there.
-    fn search_dampers_again(&mut self) -> Result<(), DynamicsError> {
-        let is_damper = |(found, _): &(Found, f64)| DAMPERS.contains(&found.kind.name);
-        let dampers = self
-            .effects
-            .iter()
-            .filter(|effect| is_damper(effect))
-            .count();
-        // The load that everything began with is no news.
-        if dampers < 2 || self.effects.len() < dampers + 2 {
-            return Ok(());
-        }
-        let before = self.error_with_signs()?;
-        if before < EXPLAINED_BELOW * self.floor.rms {
-            return Ok(());
-        }
-        let (as_was, had_curve) = (self.as_is(), !self.ground.curve.is_empty());
-        self.effects.retain(|effect| !is_damper(effect));
-        self.refused.clear();
-        // A lag would change the samples, which stay as they are.
-        let is_lag = |candidate: &mut Candidate| candidate.kind.name == "time_lag";
-        let lag: Vec<Candidate> = self.bank.extract_if(.., is_lag).collect();
-        // Twice: what seems superfluous while dampers are missing may come back beside them.
-        for _ in 0..2 {
-            self.given_up.clear();
-            self.search()?;
-        }
-        self.bank.extend(lag);
-        let came = had_curve == self.ground.curve.is_empty();
-        if came || self.error_with_signs()? > RIVAL_BELOW * before {
-            self.put_back(as_was);
-        }
-        Ok(())
-    }
-
     /// What a trial that leaves the samples as they are may change.
     pub(super) fn as_is(&self) -> AsWas {
         AsWas {
@@ -382,8 +372,10 @@ impl State {
             self.tidy()?;
         } else {
             let (before, error) = (self.names(), self.error()?);
+            let as_was = self.effects.clone();
             self.add_best(&choice, p_value, &seen)?;
             self.tidy()?;
+            self.or_beyond(&as_was, p_value)?;
             // What came and was superfluous at once would come again.
             if self.names() == before && self.error()? > GAINED_BELOW * error {
                 self.given_up.push(choice.kind.name);

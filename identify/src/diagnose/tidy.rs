@@ -1,14 +1,14 @@
-//! After each effect: shapes of all anew, reliefs, replacements, and what has become superfluous.
+//! After each effect: shapes of all anew, replacements, and what has become superfluous.
 
 use super::confirm::shown;
 use super::gates::most_of;
 use super::model::{Found, is_load, signs_hold};
-use super::scan::{LEVELS, Look, WORSE, look};
+use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
 use super::shapes::{moments, polished};
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Kind, Search, kind};
+use crate::effect::library::{Kind, Search};
 use crate::effect::measurement::GRASP_COMPLIANCE;
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
@@ -17,8 +17,6 @@ use crate::least_squares::rms;
 const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
-/// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
-const NEAR_END: f64 = 0.05;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
@@ -47,7 +45,7 @@ impl State {
         Ok(())
     }
 
-    fn polish(&mut self) -> Result<(), DynamicsError> {
+    pub(super) fn polish(&mut self) -> Result<(), DynamicsError> {
         // Beside a curve the loads stay as they were before it.
         let curved = !self.ground.curve.is_empty();
         let (fixed, free): (Vec<Found>, Vec<Found>) = self
@@ -62,115 +60,6 @@ impl State {
             {
                 *old = new;
             }
-        }
-        Ok(())
-    }
-
-    /// Lays dampers side by side, two at a time, where the model with the signs of physics then errs less: they were found one after the other,
-    /// and the first took up what it could of the second.
-    fn part(&mut self) -> Result<(), DynamicsError> {
-        for i in 0..self.effects.len() {
-            for j in 0..self.effects.len() {
-                let Some((first, second)) = self.side_by_side(i, j) else {
-                    continue;
-                };
-                let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
-                self.effects[i].0 = first;
-                self.effects[j].0 = second;
-                self.relieve()?;
-                self.polish()?;
-                if self.error_with_signs()? >= before {
-                    self.effects = as_was;
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Dampers `i` and `j` as two that lie side by side, where they may be. One within another of the same direction up to its end: the
-    /// outer one ends where the inner one begins, because a valve that opens for both together is a valve of each only when they lie so; an inner
-    /// one that acts both ways may do so for want of what the outer one hides, and is then of its direction. And one that ends where another
-    /// begins that acts both ways: the first may go on and the other act against it only.
-    fn side_by_side(&self, i: usize, j: usize) -> Option<(Found, Found)> {
-        let (first, second) = (&self.effects[i].0, &self.effects[j].0);
-        let zones = first.kind.name == "damping_zone" && second.kind.name == "damping_zone";
-        if i == j || !zones {
-            return None;
-        }
-        let [low, high] = self.ground.scope().q;
-        let (mut parted, mut other) = (first.clone(), second.clone());
-        let [from, to, way, edge] = [0, 1, 2, 3].map(|k| first.shape[k]);
-        let [begin, end, its_way, its_edge] = [0, 1, 2, 3].map(|k| second.shape[k]);
-        let both_ways = its_way == 0.0 && way != 0.0;
-        if way == its_way || both_ways {
-            let near = NEAR_END * (high - low) + its_edge;
-            let (low, high) = (low + near, high - near);
-            let inside = |q: f64| from.max(low) < q && q < to.min(high);
-            (other.shape[2], parted.shape[3]) = (way, its_edge);
-            if inside(begin) && end >= high && to >= high {
-                parted.shape[1] = begin;
-                return Some((parted, other));
-            }
-            if inside(end) && begin <= low && from <= low {
-                parted.shape[0] = end;
-                return Some((parted, other));
-            }
-        }
-        if both_ways {
-            let near = NEAR_END * (high - low) + edge + its_edge;
-            (other.shape[2], parted.shape[3]) = (-way, edge);
-            if (to - begin).abs() < near {
-                parted.shape[1] = end;
-                return Some((parted, other));
-            }
-            if (from - end).abs() < near {
-                parted.shape[0] = begin;
-                return Some((parted, other));
-            }
-        }
-        None
-    }
-
-    /// Gives dampers a relief valve, or takes it away, as the fit to all blocks asks for at the price of two more numbers. By
-    /// that fit, because one fast stroke alone may show a valve, so that no other block can confirm it.
-    fn relieve(&mut self) -> Result<(), DynamicsError> {
-        for i in 0..self.effects.len() {
-            let found = self.effects[i].0.clone();
-            let Some(relief) = found.kind.shape.iter().position(|s| s.2 == Search::Below) else {
-                continue;
-            };
-            let x = self.without(i)?;
-            let efforts = [self.ground.y.clone()];
-            let problem = Problem::new(&x, &efforts, &self.ground.folds);
-            let fastest = self.ground.scope().fastest();
-            let mut plain = found.clone();
-            plain.used = vec![true, false];
-            plain.shape[relief] = fastest;
-            let mut tried = vec![];
-            if found.used[1] {
-                tried.push(found.clone());
-            } else {
-                for level in LEVELS {
-                    let mut with = found.clone();
-                    with.shape[relief] = level * fastest;
-                    with.used.fill(true);
-                    tried.push(with);
-                }
-            }
-            let Some(without) = self.outcome(&problem, &plain) else {
-                continue;
-            };
-            let price = (2.0 * problem.independent().ln() / problem.independent()).exp();
-            let best = tried
-                .into_iter()
-                .filter_map(|with| {
-                    let outcome = self.outcome(&problem, &with)?;
-                    let fits =
-                        price * outcome.fit < without.fit && outcome.mse < WORSE * without.mse;
-                    fits.then_some((outcome.fit, with))
-                })
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            self.effects[i].0 = best.map_or(plain, |(_, with)| with);
         }
         Ok(())
     }
@@ -284,12 +173,12 @@ impl State {
         Ok(())
     }
 
-    fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
+    pub(super) fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
         Some(self.beside(problem, found)?.mse)
     }
 
     /// The model of `problem` with `found`, when its terms have the signs of physics.
-    fn outcome(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
+    pub(super) fn outcome(&self, problem: &Problem<'_>, found: &Found) -> Option<Outcome> {
         let outcome = self.beside(problem, found)?;
         signs_hold(found.kind, &found.used, &outcome.theta).then_some(outcome)
     }
@@ -416,41 +305,6 @@ impl State {
         self.polish()?;
         if self.error_with_signs()? > price * before {
             self.effects = as_was;
-        }
-        Ok(())
-    }
-
-    /// Takes dampers that act one way over all of the range for what they are.
-    pub(super) fn simplify(&mut self) -> Result<(), DynamicsError> {
-        let Some(simple) = kind("asymmetric_viscous") else {
-            return Ok(());
-        };
-        for i in 0..self.effects.len() {
-            let zone = self.effects[i].0.clone();
-            if zone.kind.name != "damping_zone" || zone.shape[2] == 0.0 {
-                continue;
-            }
-            let same_way = |f: &Found| f.kind.name == zone.kind.name && f.shape[2] == zone.shape[2];
-            let alone = self.effects.iter().filter(|(f, _)| same_way(f)).count() == 1;
-            let there = self.effects.iter().any(|(f, _)| f.kind.name == simple.name);
-            if there || !alone {
-                continue;
-            }
-            let x = self.without(i)?;
-            let efforts = [self.ground.y.clone()];
-            let problem = Problem::new(&x, &efforts, &self.ground.folds);
-            let plain = self.ground.found(simple, vec![zone.shape[2]], vec![true]);
-            let (own, other) = (
-                self.own_mse(&problem, &zone),
-                self.own_mse(&problem, &plain),
-            );
-            let spared = (zone.kind.freedom_of(&zone.used) - plain.kind.freedom()) as f64;
-            let price = (spared * problem.independent().ln() / problem.independent()).exp();
-            if let (Some(own), Some(other)) = (own, other)
-                && other < price * own
-            {
-                self.effects[i].0 = plain;
-            }
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use super::library::{Belongs, Kind, Search, Unit, Variable};
 use crate::least_squares::Bound::NonNegative;
 
 /// Share of the range over which a zone begins and ends, to start with.
-const EDGE: f64 = 0.04;
+pub(crate) const EDGE: f64 = 0.04;
 
 /// How far a coordinate is inside of a zone: from 0 to 1.
 fn inside(shape: &[f64]) -> impl Fn(f64) -> f64 + use<> {
