@@ -142,8 +142,7 @@ pub fn analyse_confirmed(
         model.withdraw_friction_of_one_way(motion);
     }
     let slopes = slopes_of(motion, &diagnosis.found(), full.theta.as_slice());
-    let mut floor = noise::floor(samples, motion, &full, slopes)?;
-    floor.rms = floor.rms.max(diagnosis.simulated_rms);
+    let floor = noise::floor(samples, motion, &full, slopes)?;
     let tau = motion.regressor(&motion.tau)?;
     let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());

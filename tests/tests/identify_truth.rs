@@ -237,6 +237,8 @@ fn dampers_side_by_side_are_told_apart_whatever_is_beside_them() {
         (45_100_128, Some("gravity")),
         (55_100_137, Some("grasp_compliance")),
         (55_100_224, Some("ripple")),
+        // What the sweep's damper had not taken up of the latching one looked like a notch.
+        (85_100_137, Some("time_lag")),
     ] {
         let judged = Pair::of(seed).judged(&[CONFIRM]);
         assert!(judged.truth.iter().eq(&name), "{judged:?}");
@@ -244,6 +246,21 @@ fn dampers_side_by_side_are_told_apart_whatever_is_beside_them() {
         assert!(judged.wrong.is_empty(), "{judged:?}");
         assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
     }
+}
+
+/// The damper that checks the opening explains more than the spring does, and another one over all the rest then took the spring's place: 25
+/// floors were left.
+#[test]
+fn a_load_is_looked_for_first_where_dampers_took_its_place() {
+    let judged = Pair::of(85_100_196).judged(&[CONFIRM]);
+    let named = |name: &str| judged.named.iter().filter(|entry| entry.0 == name).count();
+    assert_eq!(
+        [named("spring"), named("damping_zone")],
+        [1, 3],
+        "{judged:?}"
+    );
+    assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+    assert!(judged.wrong.is_empty(), "{judged:?}");
 }
 
 /// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.
