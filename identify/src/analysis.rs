@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, confirm,
-    diagnose_without, evidence, slopes_of,
+    diagnose_without, evidence, floor_of,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
@@ -19,7 +19,7 @@ use crate::effect::{BiasDrift, Effect, RigidBody};
 use crate::lag::{Lag, USUAL_S};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
-use crate::noise::{self, NoiseFloor};
+use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel_on;
 use crate::samples::JointSamples;
 use crate::screw::JointKind;
@@ -105,8 +105,10 @@ impl Analysis {
     }
 }
 
-/// Above so many times the floor a held-out residual counts as unexplained.
+/// Up to so many times the floor that a complete model would leave a held-out residual counts as explained.
 pub const EXPLAINED_BELOW: f64 = 1.15;
+/// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
+const SURELY_BELOW: f64 = 1.12;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
 ///
@@ -141,8 +143,7 @@ pub fn analyse_confirmed(
     for model in [&mut base, &mut named] {
         model.withdraw_friction_of_one_way(motion);
     }
-    let slopes = slopes_of(motion, &diagnosis.found(), full.theta.as_slice());
-    let floor = noise::floor(samples, motion, &full, slopes)?;
+    let floor = floor_of(samples, motion, &full, &diagnosis.found())?;
     let tau = motion.regressor(&motion.tau)?;
     let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
@@ -484,7 +485,7 @@ pub fn judge(model: &EffortModel, floor: f64, effort_rms: f64) -> (Verdict, f64)
     let over = (model.held_out_rms.powi(2) - floor.powi(2)).max(0.0).sqrt();
     let verdict = if model.terms.iter().all(|term| term.value.is_none()) {
         Verdict::NotIdentifiable
-    } else if model.held_out_rms <= EXPLAINED_BELOW * floor {
+    } else if model.held_out_rms <= SURELY_BELOW * floor {
         Verdict::Explained
     } else {
         Verdict::Unexplained

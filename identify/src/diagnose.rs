@@ -27,5 +27,6 @@ pub(crate) use breakaway::add_stiction;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
-pub(crate) use model::{per_velocity, slopes_of};
+pub(crate) use model::per_velocity;
+pub(crate) use search::floor_of;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose, diagnose_without};

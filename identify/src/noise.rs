@@ -8,7 +8,7 @@
 //!   content in the upper half of its band, taken as white; at low sample rates that is motion, too, so that
 //!   [`crate::samples::Aside::floor_at_most`] may bound the floor.
 //!
-//! Not covered: slow drift of the force sensor, and anything that both streams share.
+//! Not covered: slow drift of the force sensor, anything that both streams share, and what processing adds (signs near reversals, smoothing twice).
 
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;

@@ -189,7 +189,9 @@ fn sentences(report: &Report) -> Vec<String> {
                 "more than noise, though what is named leaves no more than that without the mechanism"
             }
             Verdict::Explained => "which is all that the sensors' noise allows",
-            Verdict::Unexplained => "more than noise explains: something is missing in the model",
+            Verdict::Unexplained => {
+                "more than the sensors' noise explains: something may be missing in the model"
+            }
             Verdict::NotIdentifiable => "but the parameters behind it cannot be told apart",
         };
         out.push(format!(

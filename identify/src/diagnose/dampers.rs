@@ -2,17 +2,17 @@
 //! other, and what the first takes up of the next stands in its way.
 
 use super::gates::most_of;
-use super::model::{Candidate, Found};
+use super::model::{Candidate, Found, is_smooth_load};
 use super::scan::{LEVELS, WORSE};
 use super::score::Problem;
 use super::search::{MUCH, RIVAL_BELOW, State};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
-use crate::effect::damping::{EDGE, ZONE};
-use crate::effect::library::{Search, kind};
+use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};
+use crate::effect::library::{Kind, Search};
 
 /// What slows, and where, is one matter.
-const DAMPERS: [&str; 2] = [ZONE.name, "asymmetric_viscous"];
+const DAMPERS: [&str; 2] = [ZONE.name, ASYMMETRIC.name];
 /// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
 const NEAR_END: f64 = 0.05;
 
@@ -82,19 +82,25 @@ impl State {
         None
     }
 
-    /// Puts a damper of the same direction on the other side of one that was there `before` the last effect came, in the place of that effect, where the
-    /// model with the signs of physics then errs less: the first has taken up what it could of the second with a wide edge, and what shows of
-    /// the second is a notch where they meet.
+    /// Puts a damper of the same direction on the other side of one that was there `before` the choice came, in the place of the choice, where a
+    /// load presses against them and the model then errs a twentieth less, or by as much less as the numbers of a damper are worth: the first has
+    /// taken up what it could of the second with a wide edge, and what shows of the second is a notch where they meet. What chance gives was asked
+    /// of the choice, which does less.
     pub(super) fn or_beyond(
         &mut self,
         before: &[(Found, f64)],
-        p_value: f64,
+        (choice, p_value): (&Kind, f64),
     ) -> Result<(), DynamicsError> {
         let mut least = self.error_with_signs()?;
         let zones = before.iter().filter(|(f, _)| f.kind.is(&ZONE)).count();
-        if least < MUCH * self.floor.rms || zones >= most_of(&ZONE) {
+        let loaded = before.iter().any(|(f, _)| is_smooth_load(f.kind));
+        let far = least > MUCH * self.floor.rms;
+        if !loaded || !far || zones >= most_of(&ZONE) || self.is_sure(choice) {
             return Ok(());
         }
+        let independent = 0.5 * self.ground.y.len() as f64;
+        let price = 0.5 * ZONE.freedom() as f64 * independent.ln() / independent;
+        let below = RIVAL_BELOW.min((-price).exp());
         for i in 0..before.len() {
             for (parted, other) in self.beyond(&before[i].0) {
                 let chosen = core::mem::replace(&mut self.effects, before.to_vec());
@@ -102,7 +108,7 @@ impl State {
                 self.effects.push((other, p_value));
                 self.refine_all()?;
                 let error = self.error_with_signs()?;
-                if error < RIVAL_BELOW * least {
+                if error < below * least && self.holds(before.len())? {
                     least = error;
                 } else {
                     self.effects = chosen;
@@ -219,9 +225,7 @@ impl State {
 
     /// Takes dampers that act one way over all of the range for what they are.
     pub(super) fn simplify(&mut self) -> Result<(), DynamicsError> {
-        let Some(simple) = kind("asymmetric_viscous") else {
-            return Ok(());
-        };
+        let simple = &ASYMMETRIC;
         for i in 0..self.effects.len() {
             let zone = self.effects[i].0.clone();
             if !zone.kind.is(&ZONE) || zone.shape[2] == 0.0 {

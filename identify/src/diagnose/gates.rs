@@ -182,7 +182,7 @@ impl State {
         }
         if seen.mse.sqrt() < AT_FLOOR * floor {
             return Some(format!(
-                "the residual {:.3} is at the noise floor {floor:.3}",
+                "the residual {:.3} is what noise and processing leave ({floor:.3})",
                 seen.mse.sqrt()
             ));
         }

@@ -66,7 +66,7 @@ pub struct Diagnosis {
     pub lag_s: Option<f64>,
     /// I, mu, b and the effects, fitted with their bounds.
     pub model: EffortModel,
-    /// What a complete model would leave.
+    /// What the sensors' noise leaves of a complete model.
     pub floor: NoiseFloor,
     /// The motion that the model is fitted to.
     pub motion: Motion,
@@ -118,13 +118,15 @@ pub fn diagnose_without(
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
-    let mut best = searched(samples, settings, barred, First::Any)?;
+    let mut first = First::Any;
+    let mut best = searched(samples, settings, barred, first)?;
     let is_smooth =
         |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
-    if best.is_far() && !best.effects.iter().any(is_smooth) {
-        let loaded = searched(samples, settings, barred, First::Load)?;
-        if loaded.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
-            best = loaded;
+    let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
+    if best.is_far() && !loaded(&best) {
+        let other = searched(samples, settings, barred, First::Load)?;
+        if loaded(&other) && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
+            (best, first) = (other, First::Load);
         }
     }
     let mut barred = barred.to_vec();
@@ -137,7 +139,7 @@ pub fn diagnose_without(
             continue;
         }
         barred.push(suspect);
-        let without = searched(samples, settings, &barred, First::Any)?;
+        let without = searched(samples, settings, &barred, first)?;
         let [left, less] = [&best, &without].map(|found| found.model.held_out_rms);
         if less > RIVAL_BELOW * left {
             barred.pop();
@@ -374,8 +376,8 @@ impl State {
             let (before, error) = (self.names(), self.error()?);
             let as_was = self.effects.clone();
             self.add_best(&choice, p_value, &seen)?;
+            self.or_beyond(&as_was, (choice.kind, p_value))?;
             self.tidy()?;
-            self.or_beyond(&as_was, p_value)?;
             // What came and was superfluous at once would come again.
             if self.names() == before && self.error()? > GAINED_BELOW * error {
                 self.given_up.push(choice.kind.name);
@@ -540,7 +542,7 @@ pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel,
     Ok(model)
 }
 
-pub(super) fn floor_of(
+pub(crate) fn floor_of(
     samples: &JointSamples,
     motion: &Motion,
     model: &EffortModel,

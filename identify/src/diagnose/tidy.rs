@@ -106,11 +106,7 @@ impl State {
             let shape = &mut self.effects[i].0.shape;
             shape[form] = 1.0 - shape[form];
             self.polish()?;
-            let x = self.without(i)?;
-            let efforts = [self.ground.y.clone()];
-            let problem = Problem::new(&x, &efforts, &self.ground.folds);
-            let holds = self.outcome(&problem, &self.effects[i].0).is_some();
-            if !holds || self.error()? > REFORMED_BELOW * before {
+            if !self.holds(i)? || self.error()? > REFORMED_BELOW * before {
                 self.effects = as_was;
             }
         }
@@ -159,11 +155,7 @@ impl State {
             let as_was = self.effects.clone();
             self.effects[i].0 = other;
             self.polish()?;
-            let x = self.without(i)?;
-            let efforts = [self.ground.y.clone()];
-            let problem = Problem::new(&x, &efforts, &self.ground.folds);
-            let holds = self.outcome(&problem, &self.effects[i].0).is_some();
-            let error = self.error()?;
+            let (holds, error) = (self.holds(i)?, self.error()?);
             if holds && error < least {
                 least = error;
             } else {
@@ -175,6 +167,14 @@ impl State {
 
     pub(super) fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {
         Some(self.beside(problem, found)?.mse)
+    }
+
+    /// Whether the terms of effect `i` have the signs of physics beside all others.
+    pub(super) fn holds(&self, i: usize) -> Result<bool, DynamicsError> {
+        let x = self.without(i)?;
+        let efforts = [self.ground.y.clone()];
+        let problem = Problem::new(&x, &efforts, &self.ground.folds);
+        Ok(self.outcome(&problem, &self.effects[i].0).is_some())
     }
 
     /// The model of `problem` with `found`, when its terms have the signs of physics.
