@@ -1,11 +1,13 @@
-//! Seconds per recorded minute: the whole identification of a recording in memory; and nanoseconds per effort of its twin,
+//! Seconds per recorded minute: the whole identification of a recording in memory, and its search by the size of the library; and nanoseconds per effort of its twin,
 //! beside what the memory itself takes for the same bytes.
 
 #[path = "../tests/synthetic/mod.rs"]
 mod synthetic;
 
+use ft_identify::diagnose::diagnose_without;
+use ft_identify::effect::library::LIBRARY;
 use ft_identify::motion::MotionSettings;
-use ft_identify::pipeline::identify_loaded;
+use ft_identify::pipeline::{identify_loaded, joint_samples};
 use ft_identify::twin::Evaluator;
 use synthetic::Scene;
 
@@ -24,6 +26,16 @@ fn identify(bencher: divan::Bencher, seconds: u32) {
         identify_loaded(&recording, &MotionSettings::default(), &mut |_| {})
             .map(|found| found.report.summary())
     });
+}
+
+/// The search for what the model lacks, with the first so many effects of the library.
+#[divan::bench(args = [6, 12, 18, 24], sample_count = 5)]
+fn diagnose(bencher: divan::Bencher, effects: usize) {
+    let settings = MotionSettings::default();
+    let samples = joint_samples(&Scene::door().record(), &settings);
+    let samples = samples.unwrap_or_else(|error| panic!("{error}"));
+    let barred: Vec<&str> = LIBRARY[effects..].iter().map(|kind| kind.name).collect();
+    bencher.bench_local(|| diagnose_without(&samples, &settings, &barred).is_ok());
 }
 
 /// The evaluator of an identified twin, with its spline mechanism and without named effects.
