@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::DynamicsError;
-use super::left_out::{self, LeftOut};
+use super::left_out::{self, LEFT, LeftOut};
 use crate::effect::{Column, Effect};
 use crate::least_squares::{
     Bound, FitError, Quadratic, bounded_quadratic, covariance_of_free, effective_count,
@@ -380,8 +380,8 @@ impl Design {
             let unscored: Vec<usize> = rows.iter().copied().filter(|&i| !self.scored[i]).collect();
             let all = self.part(&rows);
             Some(Fold {
-                gram: self.scaled(&(&self.gram - &all.gram)),
-                right: &self.right - &all.right,
+                gram: self.scaled(&(&self.gram - &all.gram * (1.0 - LEFT))),
+                right: &self.right - &all.right * (1.0 - LEFT),
                 share: 1.0 - rows.len() as f64 / self.tau.len() as f64,
                 scored: all.without(&self.part(&unscored)),
             })
@@ -504,7 +504,7 @@ pub(super) fn scaled(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64
     })
 }
 
-/// A fit without the samples of one fold, and those of them that count.
+/// A fit without the samples of one fold (but for [`LEFT`] of their weight), and those of them that count.
 pub(super) struct Fold {
     /// Scaled.
     gram: DMatrix<f64>,

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::design::Design;
+use super::left_out::LEFT;
 use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, OnMotion, SplineMechanism};
 use crate::motion::Motion;
@@ -367,7 +368,7 @@ impl Valved {
                 return (0.0, 0);
             }
             let share = 1.0 - rows.len() as f64 / fold_of.len() as f64;
-            let gram = &whole.gram - whole.part(&rows).gram;
+            let gram = &whole.gram - whole.part(&rows).gram * (1.0 - LEFT);
             let mut fit = self.clone();
             let mut tau = whole.tau.clone();
             for step in 0..if self.is_straight() { 1 } else { STEPS } {
@@ -375,7 +376,7 @@ impl Valved {
                     tau = fit.residual(parametric, motion) + &whole.y * fit.solution();
                 }
                 for &i in &rows {
-                    tau[i] = 0.0;
+                    tau[i] *= LEFT;
                 }
                 fit.step_by(whole, (gram.clone(), whole.y.tr_mul(&tau)), share);
             }
