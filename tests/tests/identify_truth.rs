@@ -135,22 +135,17 @@ fn a_hand_that_moves_at_once_opens_from_the_grasp() {
     }
 }
 
-/// Eleven seconds at a closer are mostly too few to find all of it, but what is found is no notch: before the load and the dampers are there, one
-/// explains most.
+/// Eleven seconds at a closer are too few to find all of it, but what is found is no notch: before the load and the dampers are there, one explains most.
 #[test]
 fn few_strokes_of_a_closer_have_no_notch() {
     for seed in [1, 4, 7] {
         let report = report_of_22_s("wood_door", seed);
+        assert_eq!(report.last.verdict, Verdict::Unexplained);
         let names: BTreeSet<&str> = report.effects.iter().map(|e| e.name).collect();
         assert!(
             names.contains("damping_zone") && !names.contains("detent"),
             "{names:?}"
         );
-        if seed == 4 {
-            assert_eq!(report.last.verdict, Verdict::Explained);
-            continue;
-        }
-        assert_eq!(report.last.verdict, Verdict::Unexplained);
         let refused = report.refused.iter().find(|r| r.name == "detent").unwrap();
         assert_eq!(refused.reason, "without it others leave less");
     }
