@@ -105,7 +105,7 @@ impl Analysis {
     }
 }
 
-/// Up to so many times the floor that a complete model would leave a held-out residual counts as explained.
+/// Up to so many times the floor there is nothing to look for. The verdict asks for a little less.
 pub const EXPLAINED_BELOW: f64 = 1.15;
 /// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
 const SURELY_BELOW: f64 = 1.12;

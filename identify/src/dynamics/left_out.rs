@@ -24,8 +24,8 @@ use crate::products::{crossed, gram};
 const BLOCK_S: f64 = 2.0;
 /// Of a short recording there are so many, which then are shorter.
 const FEWEST: usize = 10;
-/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it. Held-out errors
-/// keep so much of what they leave out: what nothing else shows then is what it says itself, and not any number.
+/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it. The held-out errors of
+/// designs and valves keep so much of what they leave out: what nothing else shows is then no number at random.
 pub(super) const LEFT: f64 = 1e-4;
 
 /// The blocks of a motion's kept samples.
