@@ -35,7 +35,10 @@ fn diagnose(bencher: divan::Bencher, effects: usize) {
     let samples = joint_samples(&Scene::door().record(), &settings);
     let samples = samples.unwrap_or_else(|error| panic!("{error}"));
     let barred: Vec<&str> = LIBRARY[effects..].iter().map(|kind| kind.name).collect();
-    bencher.bench_local(|| diagnose_without(&samples, &settings, &barred).is_ok());
+    bencher.bench_local(|| match diagnose_without(&samples, &settings, &barred) {
+        Ok(found) => found.effects.len(),
+        Err(error) => panic!("{error}"),
+    });
 }
 
 /// The evaluator of an identified twin, with its spline mechanism and without named effects.

@@ -83,9 +83,8 @@ impl State {
     }
 
     /// Puts a damper of the same direction on the other side of one that was there `before` the choice came, in the place of the choice, where a
-    /// load presses against them and the model then errs a twentieth less, or by as much less as the numbers of a damper are worth: the first has
-    /// taken up what it could of the second with a wide edge, and what shows of the second is a notch where they meet. What chance gives was asked
-    /// of the choice, which does less.
+    /// load presses against them and the model then errs a twentieth less: the first has taken up what it could of the second with a wide edge, and
+    /// what shows of the second is a notch where they meet. What chance gives was asked of the choice, which does less.
     pub(super) fn or_beyond(
         &mut self,
         before: &[(Found, f64)],
@@ -94,13 +93,11 @@ impl State {
         let mut least = self.error_with_signs()?;
         let zones = before.iter().filter(|(f, _)| f.kind.is(&ZONE)).count();
         let loaded = before.iter().any(|(f, _)| is_smooth_load(f.kind));
-        let far = least > MUCH * self.floor.rms;
+        // Infinite where the motion does not show the terms apart.
+        let far = least.is_finite() && least > MUCH * self.floor.rms;
         if !loaded || !far || zones >= most_of(&ZONE) || self.is_sure(choice) {
             return Ok(());
         }
-        let independent = 0.5 * self.ground.y.len() as f64;
-        let price = 0.5 * ZONE.freedom() as f64 * independent.ln() / independent;
-        let below = RIVAL_BELOW.min((-price).exp());
         for i in 0..before.len() {
             for (parted, other) in self.beyond(&before[i].0) {
                 let chosen = core::mem::replace(&mut self.effects, before.to_vec());
@@ -108,7 +105,7 @@ impl State {
                 self.effects.push((other, p_value));
                 self.refine_all()?;
                 let error = self.error_with_signs()?;
-                if error < below * least && self.holds(before.len())? {
+                if error < RIVAL_BELOW * least && self.holds(before.len())? {
                     least = error;
                 } else {
                     self.effects = chosen;
