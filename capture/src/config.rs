@@ -540,7 +540,7 @@ pub fn is_name(text: &str) -> bool {
 #[non_exhaustive]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{}: cannot be read: {source}; give another with --config, or use --sim", path.display())]
+    #[error("{}: cannot be read: {source}; `ft-capture init` writes one; give another with --config, or use --sim", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -548,7 +548,7 @@ pub enum ConfigError {
         source: std::io::Error,
     },
     /// No TOML, a value of the wrong type, or a key that is not known.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}`ft-capture init` writes one to begin with", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,

@@ -45,11 +45,14 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
     if let (true, Some(default)) = (listen.is_empty(), default) {
         listen.push(default.to_owned());
     }
+    listen.iter_mut().for_each(complete);
+    let mut connect = network.connect.clone();
+    connect.iter_mut().for_each(complete);
     if let Some(folder) = &network.keys {
         listen.iter_mut().for_each(encrypt);
         settings.secure_service(folder)?;
     }
-    let opened = settings.open(&listen, &network.connect);
+    let opened = settings.open(&listen, &connect);
     let session = match (opened, network.asks_for_nothing()) {
         (Err(error), true) => {
             return Err(SinkError::Zenoh {
@@ -66,8 +69,8 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
     if !listen.is_empty() {
         how.push(format!("listening on {}", listen.join(", ")));
     }
-    if !network.connect.is_empty() {
-        how.push(format!("connected to {}", network.connect.join(", ")));
+    if !connect.is_empty() {
+        how.push(format!("connected to {}", connect.join(", ")));
     }
     let only = if network.asks_for_nothing() {
         " (this host only)"
@@ -87,11 +90,19 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
 pub fn connect(endpoints: &[String], keys: Option<&Path>) -> Result<zenoh::Session, SinkError> {
     let mut settings = Settings::new("client");
     let mut endpoints = endpoints.to_vec();
+    endpoints.iter_mut().for_each(complete);
     if let Some(folder) = keys {
         endpoints.iter_mut().for_each(encrypt);
         settings.secure_viewer(folder)?;
     }
     settings.open(&[], &endpoints)
+}
+
+/// An address without a protocol was meant as `tcp/...`.
+fn complete(endpoint: &mut String) {
+    if !endpoint.contains('/') {
+        endpoint.insert_str(0, "tcp/");
+    }
 }
 
 /// `tcp/...` was meant as `tls/...` by who gave keys.
@@ -189,7 +200,7 @@ impl Settings {
                 .map_err(|error| SinkError::Zenoh {
                     what: "setting of the session",
                     // Not the value: it may be a password.
-                    why: format!("{key}: {error}"),
+                    why: format!("{key}: {}", plainly(&error)),
                 })?;
         }
         zenoh::open(config)
@@ -246,7 +257,27 @@ fn access_control(roles: &Roles) -> Value {
 fn explain(error: &zenoh::Error, listen: &[String], connect: &[String]) -> String {
     let wanted: Vec<_> = listen.iter().chain(connect).map(String::as_str).collect();
     format!(
-        "{} (endpoints look like tcp/192.168.0.7:7447): {error}",
-        wanted.join(", ")
+        "{} (endpoints look like tcp/192.168.0.7:7447): {}",
+        wanted.join(", "),
+        plainly(error)
     )
+}
+
+/// What Zenoh says, without the places in its source: ` at /.../orchestrator.rs:388.`
+fn plainly(error: &zenoh::Error) -> String {
+    let said = error.to_string();
+    let mut parts = said.split(" at /");
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        match part.split_once(".rs:") {
+            Some((path, rest)) if !path.contains(' ') => {
+                out.push_str(rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.'));
+            }
+            _ => {
+                out.push_str(" at /");
+                out.push_str(part);
+            }
+        }
+    }
+    out
 }

@@ -54,10 +54,10 @@ struct Arguments {
     /// Id of the gripper [default: the first that answers]
     #[arg(long)]
     id: Option<String>,
-    /// Serve a live page for browsers
+    /// Serve a live page for browsers [without an address: 127.0.0.1:8080, this host only]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
     web: Option<SocketAddr>,
-    /// Serve Foxglove, Lichtblick and PlotJuggler
+    /// Serve Foxglove, Lichtblick and PlotJuggler [without an address: 127.0.0.1:8765, this host only]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
     foxglove: Option<SocketAddr>,
     /// Record what is published, without loss: what the network lost is asked for again

@@ -215,6 +215,7 @@ impl Operator<'_> {
                 Begun::WithTheSession,
                 Baseline::default(),
             )?;
+            surroundings.log(&format!("recording {}", path.display()));
         }
         loop {
             let now = self.clock.now();

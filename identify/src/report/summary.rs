@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::EffectEntry;
 use super::Report;
 use crate::analysis::Verdict;
 use crate::screw::JointKind;
@@ -145,8 +146,9 @@ impl Report {
             let [share_before, share_after] = effect.relative.map(|share| 100.0 * share);
             let _ = write!(
                 out,
-                "lacked     {}: {before} -> {after} {unit} ({share_before:.1} -> {share_after:.1} %)",
-                effect.name
+                "lacked     {}{}: {before} -> {after} {unit} ({share_before:.1} -> {share_after:.1} %)",
+                effect.name,
+                self.shape_of(effect)
             );
             for pair in &effect.confirm_rms {
                 let _ = write!(out, ", {}", confirmation(*pair));
@@ -158,6 +160,37 @@ impl Report {
         }
         if self.effects.is_empty() && self.last.named.is_some() {
             let _ = writeln!(out, "lacked     nothing that the library has a name for");
+        }
+        out
+    }
+
+    /// What tells an effect from others of its name: its size, where it is, and on which way.
+    fn shape_of(&self, effect: &EffectEntry) -> String {
+        let value = |name: &str| {
+            let term = effect.terms.iter().find(|term| term.name == name);
+            term.and_then(|term| term.value)
+        };
+        let mut out = String::new();
+        if let Some((term, value)) = effect.terms.first().and_then(|t| Some((t, t.value?))) {
+            let _ = write!(out, " of {} {}", figure(value), term.unit);
+        }
+        if let (Some(from), Some(to)) = (value("from"), value("to")) {
+            let [low, high] = self.joint.q_range;
+            let [from, to] = [from, to].map(|q| q.clamp(low, high));
+            let _ = match self.joint.kind {
+                JointKind::Revolute => write!(
+                    out,
+                    " from {:.1} to {:.1} deg",
+                    from.to_degrees(),
+                    to.to_degrees()
+                ),
+                JointKind::Prismatic => write!(out, " from {from:.3} to {to:.3} m"),
+            };
+        }
+        match value("direction") {
+            Some(way) if way > 0.0 => out.push_str(" while q grows"),
+            Some(way) if way < 0.0 => out.push_str(" while q falls"),
+            _ => {}
         }
         out
     }

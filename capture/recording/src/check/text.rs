@@ -1,5 +1,6 @@
 //! A report in words.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use super::{Presence, Report, Verdict};
@@ -11,6 +12,27 @@ impl fmt::Display for Presence {
             Self::Present => f.write_str("present"),
             Self::Wrong { reason } => write!(f, "wrong ({reason})"),
         }
+    }
+}
+
+/// A ledger's entry in words: what was received, then what is not 0; as it stands where it is no object of counts.
+fn account(text: &str) -> String {
+    let Ok(counts) = serde_json::from_str::<BTreeMap<String, u64>>(text) else {
+        return text.to_owned();
+    };
+    let received = counts.get("received").map(|n| format!("{n} received"));
+    let others = (counts.iter())
+        .filter(|(name, n)| **n > 0 && *name != "received")
+        .map(|(name, n)| format!("{n} {name}"));
+    let said: Vec<String> = received.into_iter().chain(others).collect();
+    let rest = if said.len() < counts.len() {
+        ", all else 0"
+    } else {
+        ""
+    };
+    match said.is_empty() {
+        true => "all 0".to_owned(),
+        false => said.join(", ") + rest,
     }
 }
 
@@ -113,7 +135,7 @@ impl fmt::Display for Report {
             writeln!(f, "  warning of {device}: {text}")?;
         }
         for (stream, counts) in &self.ledger {
-            writeln!(f, "  ledger of {stream}: {counts}")?;
+            writeln!(f, "  ledger of {stream}: {}", account(counts))?;
         }
         match self.verdict {
             Verdict::Fine => {

@@ -108,10 +108,10 @@ struct RecordArguments {
     /// Encrypt the network, with the keys in this folder (ft-capture keys makes them)
     #[arg(long, value_name = "DIR")]
     keys: Option<PathBuf>,
-    /// Serve a live page for browsers
+    /// Serve a live page for browsers [without an address: 127.0.0.1:8080, this host only]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
     view: Option<SocketAddr>,
-    /// Serve Foxglove, Lichtblick and PlotJuggler
+    /// Serve Foxglove, Lichtblick and PlotJuggler [without an address: 127.0.0.1:8765, this host only]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
     foxglove: Option<SocketAddr>,
     /// Publish only, write no file until the command `start`

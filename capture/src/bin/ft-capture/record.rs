@@ -37,6 +37,11 @@ pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
         say(&serde_json::to_string_pretty(&summary)?)?;
     } else {
         say(&summary.to_string())?;
+        let recorded = summary.files.first().filter(|_| !arguments.no_record);
+        if let (Some(_), Some(file)) = (&arguments.sim, recorded) {
+            let truth = simulate::truth_path(&file.path);
+            say(&format!("what was simulated: {}", truth.display()))?;
+        }
     }
     Ok(Outcome::of(summary.lost_data()))
 }

@@ -178,7 +178,7 @@ fn default_name(scenario: &str, seed: u64) -> String {
 }
 
 /// `door.mcap` -> `door.truth.json`, other names -> the name and `.truth.json`.
-fn truth_path(recording: &Path) -> PathBuf {
+pub(crate) fn truth_path(recording: &Path) -> PathBuf {
     let mut name = recording.as_os_str().to_owned();
     if recording
         .extension()
