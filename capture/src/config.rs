@@ -535,12 +535,20 @@ pub fn is_name(text: &str) -> bool {
             .all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
 }
 
+/// How to get a file that is not there.
+fn beginning(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "; `ft-capture init` writes one",
+        _ => "",
+    }
+}
+
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{}: cannot be read: {source}; `ft-capture init` writes one; give another with --config, or use --sim", path.display())]
+    #[error("{}: cannot be read: {source}{}; give another with --config, or use --sim", path.display(), beginning(source))]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -548,7 +556,7 @@ pub enum ConfigError {
         source: std::io::Error,
     },
     /// No TOML, a value of the wrong type, or a key that is not known.
-    #[error("{}: {source}`ft-capture init` writes one to begin with", path.display())]
+    #[error("{}: {source}", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,

@@ -49,7 +49,7 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
     let mut connect = network.connect.clone();
     connect.iter_mut().for_each(complete);
     if let Some(folder) = &network.keys {
-        listen.iter_mut().for_each(encrypt);
+        listen.iter_mut().chain(&mut connect).for_each(encrypt);
         settings.secure_service(folder)?;
     }
     let opened = settings.open(&listen, &connect);
@@ -100,7 +100,8 @@ pub fn connect(endpoints: &[String], keys: Option<&Path>) -> Result<zenoh::Sessi
 
 /// An address without a protocol was meant as `tcp/...`.
 fn complete(endpoint: &mut String) {
-    if !endpoint.contains('/') {
+    let address = endpoint.split(['?', '#']).next();
+    if !address.is_some_and(|address| address.contains('/')) {
         endpoint.insert_str(0, "tcp/");
     }
 }
@@ -200,7 +201,7 @@ impl Settings {
                 .map_err(|error| SinkError::Zenoh {
                     what: "setting of the session",
                     // Not the value: it may be a password.
-                    why: format!("{key}: {}", plainly(&error)),
+                    why: format!("{key}: {}", plainly(&error.to_string())),
                 })?;
         }
         zenoh::open(config)
@@ -259,13 +260,12 @@ fn explain(error: &zenoh::Error, listen: &[String], connect: &[String]) -> Strin
     format!(
         "{} (endpoints look like tcp/192.168.0.7:7447): {}",
         wanted.join(", "),
-        plainly(error)
+        plainly(&error.to_string())
     )
 }
 
 /// What Zenoh says, without the places in its source: ` at /.../orchestrator.rs:388.`
-fn plainly(error: &zenoh::Error) -> String {
-    let said = error.to_string();
+pub(crate) fn plainly(said: &str) -> String {
     let mut parts = said.split(" at /");
     let mut out = parts.next().unwrap_or_default().to_owned();
     for part in parts {
@@ -280,4 +280,42 @@ fn plainly(error: &zenoh::Error) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_alone_is_for_tcp() {
+        for (given, meant) in [
+            ("192.168.0.7:7447", "tcp/192.168.0.7:7447"),
+            ("[::1]:7447", "tcp/[::1]:7447"),
+            ("gripper:7447#iface=a/b", "tcp/gripper:7447#iface=a/b"),
+            ("tcp/gripper:7447", "tcp/gripper:7447"),
+            ("tls/gripper:7447", "tls/gripper:7447"),
+        ] {
+            let mut endpoint = given.to_owned();
+            complete(&mut endpoint);
+            assert_eq!(endpoint, meant);
+        }
+    }
+
+    #[test]
+    fn what_zenoh_says_comes_without_places_in_its_source() {
+        for (said, plain) in [
+            ("Timeout! at /a/b-1.0/orchestrator.rs:388.", "Timeout!"),
+            (
+                "wrong: 192.168.0.7:7447 at /a/endpoint.rs:615.\", location: None at /a/config.rs:86.",
+                "wrong: 192.168.0.7:7447\", location: None",
+            ),
+            (
+                "nothing at /dev/ttyUSB0 is open",
+                "nothing at /dev/ttyUSB0 is open",
+            ),
+            ("", ""),
+        ] {
+            assert_eq!(plainly(said), plain);
+        }
+    }
 }

@@ -109,7 +109,7 @@ impl Remote {
             .wait()
             .map_err(|error| SinkError::Zenoh {
                 what: "subscribing",
-                why: error.to_string(),
+                why: crate::network::plainly(&error.to_string()),
             })?;
         Ok(Self {
             session,

@@ -61,7 +61,7 @@ impl ZenohLink {
             .map_err(|error| LinkError::Io {
                 call: "subscribing",
                 port: port.clone(),
-                source: std::io::Error::other(error.to_string()),
+                source: std::io::Error::other(crate::network::plainly(&error.to_string())),
             })?;
         Ok(Self {
             arrived,

@@ -16,7 +16,8 @@ impl Duty {
     const fn nice(self) -> i32 {
         match self {
             Self::Acquisition => -10,
-            Self::Publishing => -5,
+            // Whoever waits for a sample waits for both: no further below than it takes to let the next one be read first.
+            Self::Publishing => -9,
         }
     }
 }

@@ -115,7 +115,7 @@ fn subscribe(remote: &Remote, to: &Sender<Heard>) -> Result<[Subscriber<()>; 2],
     let key = remote.which().key_expr();
     let refused = |error: zenoh::Error| SinkError::Zenoh {
         what: "subscribing",
-        why: error.to_string(),
+        why: crate::network::plainly(&error.to_string()),
     };
     let sender = to.clone();
     let messages = remote

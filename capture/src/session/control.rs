@@ -174,7 +174,7 @@ pub fn declare(
         })
         .map_err(|error| SinkError::Zenoh {
             what: "starting the thread of the commands",
-            why: error.to_string(),
+            why: crate::network::plainly(&error.to_string()),
         })?;
     NAMES
         .into_iter()
@@ -189,7 +189,7 @@ pub fn declare(
                 .wait()
                 .map_err(|error| SinkError::Zenoh {
                     what: "declaring a command",
-                    why: error.to_string(),
+                    why: crate::network::plainly(&error.to_string()),
                 })
         })
         .collect()

@@ -87,7 +87,7 @@ impl ZenohSink {
             .collect();
         let recorders = Recorders::start(shelves, clock).map_err(|error| SinkError::Zenoh {
             what: "starting the thread that answers recorders",
-            why: error.to_string(),
+            why: crate::network::plainly(&error.to_string()),
         })?;
         let endpoints = declared
             .into_iter()
@@ -286,6 +286,6 @@ fn declare_token(session: &zenoh::Session, token: String) -> Result<LivelinessTo
 fn refused(what: &'static str, error: &zenoh::Error) -> SinkError {
     SinkError::Zenoh {
         what,
-        why: error.to_string(),
+        why: crate::network::plainly(&error.to_string()),
     }
 }

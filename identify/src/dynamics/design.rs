@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::DynamicsError;
-use super::left_out::{self, LEFT, LeftOut};
+use super::left_out::{self, LeftOut};
 use crate::effect::{Column, Effect};
 use crate::least_squares::{
     Bound, FitError, Quadratic, bounded_quadratic, covariance_of_free, effective_count,
@@ -33,6 +33,9 @@ pub(super) struct Design {
     /// What a coefficient of the damping must gain before it is let in; zero for all others.
     threshold: DVector<f64>,
 }
+
+/// Held-out errors keep so much of the weight of what they leave out: what nothing else shows is then no number at random.
+pub(super) const LEFT: f64 = 1e-4;
 
 /// A coefficient of the damping is let in when it moves the effort by more than so many standard deviations of its own.
 const DAMPING_EVIDENCE: f64 = 0.8;

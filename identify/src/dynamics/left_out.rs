@@ -1,10 +1,9 @@
 //! How far parameters move when a stretch of the recording is left out: variance estimated by blocks of time.
 //!
 //! What a fit leaves is far from white: the tracker's noise, differentiated twice, has nothing at the low frequencies where the strokes are, and what
-//! wanders with the poses or with the hand stays on one side for a stroke. Whole blocks keep both, and leaving one out, not only weighing it,
-//! knows of samples that decide a parameter by themselves. Left out altogether, as by the jackknife, a block that decides much moves the
-//! parameters further than they are uncertain, for the others have to say what it says; that is right of noise where the root of its share is
-//! left out (CR2), which is the mean of moves over the weights at which Gauss and Chebyshev's quadrature asks:
+//! wanders with the poses or with the hand stays on one side for a stroke. Whole blocks keep both. Left out altogether, as by the jackknife, a
+//! block that decides much moves the parameters further than they are uncertain, for the others have to say what it says. The root of that
+//! (CR2: unbiased for white noise without penalties) is the mean of moves over the shares at which Gauss and Chebyshev's quadrature asks:
 //!
 //! ```text
 //! d_b = H^-1/2 (1 - A_b)^-1/2 H^-1/2 Z_b' r_b          A_b = H^-1/2 Z_b' Z_b H^-1/2
@@ -12,26 +11,33 @@
 //! covariance = sum over b of (d_b - mean d)(d_b - mean d)'
 //! ```
 //!
+//! Penalties pull the sum of all Z_b' r_b away from 0: hence the mean. A block that decides half of a parameter or more is left out altogether:
+//! its residuals no longer tell how wrong it may be.
+//!
 //! # Source
 //! Bell and McCaffrey, *Bias reduction in standard errors for linear regression with multi-stage samples*, Survey Methodology 28, 2002; Künsch, *The
-//! jackknife and the bootstrap for general stationary observations*, Annals of Statistics 17, 1989, for blocks of time.
+//! jackknife and the bootstrap for general stationary observations*, Annals of Statistics 17, 1989; Efron, *The jackknife, the bootstrap and
+//! other resampling plans*, 1982, chapter 3.
 
 use core::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::motion::Motion;
 use crate::products::{crossed, gram};
+
+type Factor = Cholesky<f64, Dyn>;
 
 /// Length of a block, s: a stroke.
 const BLOCK_S: f64 = 2.0;
 /// Of a short recording there are so many, which then are shorter.
 const FEWEST: usize = 10;
-/// Shares of a block that are left out: the nodes of the quadrature. Two give the root of a block that decides half of a parameter to 0.2 %, and of
-/// one that alone shows it no infinite number.
+/// Shares of a block that are left out: the nodes of the quadrature. Two give the root of a block that decides half of a parameter to 0.2 %.
 const SHARES: [f64; 2] = [0.146_446_609_406_726_24, 0.853_553_390_593_273_8];
-/// The held-out errors of designs and valves keep so much of the weight of what they leave out: what nothing else shows is then no number at random.
-pub(super) const LEFT: f64 = 1e-4;
+/// Share of what is known of a parameter from which on a block decides it.
+const DECIDES: f64 = 0.5;
+/// A block without which a parameter is known by less than this share of what all blocks say of it is the only one that shows it.
+const ALONE: f64 = 1e-4;
 
 /// The blocks of a motion's kept samples.
 pub(super) fn blocks(motion: &Motion) -> impl Iterator<Item = Range<usize>> + use<> {
@@ -51,10 +57,24 @@ fn cut(samples: usize, length: usize) -> impl Iterator<Item = Range<usize>> + us
         .map(move |from| from..(from + length).min(samples))
 }
 
+/// Whether `rest` says of each parameter, beside those before it, at least [`ALONE`] of what `all` say.
+fn shows_all(rest: &Factor, all: &Factor) -> bool {
+    let [rest, all] = [rest, all].map(|factor| factor.l_dirty().diagonal());
+    (rest.iter().zip(all.iter())).all(|(rest, all)| rest * rest >= ALONE * all * all)
+}
+
+/// Variances of the first `params`, the others unknown.
+fn variances(factor: &Factor, params: usize) -> Vec<f64> {
+    let size = factor.l_dirty().nrows();
+    let unit = |j: usize| DVector::from_fn(size, |i, _| f64::from(u8::from(i == j)));
+    (0..params).map(|j| factor.solve(&unit(j))[j]).collect()
+}
+
 /// Moves of the first parameters by what was left out.
 pub(super) struct LeftOut<'a> {
-    /// Normal matrix with penalties.
+    /// Normal matrix with penalties, its factor, and the variances by it.
     h: &'a DMatrix<f64>,
+    whole: Option<(Factor, Vec<f64>)>,
     params: usize,
     /// Of the block that is being added.
     gram: DMatrix<f64>,
@@ -65,8 +85,13 @@ pub(super) struct LeftOut<'a> {
 impl<'a> LeftOut<'a> {
     /// Of the first `params` that have the normal matrix `h`.
     pub(super) fn new(h: &'a DMatrix<f64>, params: usize) -> Self {
+        let whole = h.clone().cholesky();
         Self {
             h,
+            whole: whole.map(|factor| {
+                let known = variances(&factor, params);
+                (factor, known)
+            }),
             params,
             gram: DMatrix::zeros(h.nrows(), h.ncols()),
             asked: DMatrix::zeros(h.nrows(), 1),
@@ -82,17 +107,28 @@ impl<'a> LeftOut<'a> {
 
     /// Leaves out the block of what was added since the last one.
     pub(super) fn leave_out(&mut self) {
-        let moved = SHARES.map(|share| {
-            let factor = (self.h - &self.gram * share).cholesky()?;
-            Some(factor.solve(&self.asked))
-        });
-        if let [Some(a), Some(b)] = moved {
-            let moved = 0.5 * (a + b);
+        if let Some(moved) = self.moved() {
             self.moves
                 .push(moved.column(0).rows(0, self.params).into_owned());
         }
         self.gram.fill(0.0);
         self.asked.fill(0.0);
+    }
+
+    /// The move by the block that was added. Nothing where all blocks together do not show every parameter.
+    fn moved(&self) -> Option<DMatrix<f64>> {
+        let (whole, known) = self.whole.as_ref()?;
+        let without = |share: f64| (self.h - &self.gram * share).cholesky();
+        let [less, rest] = [without(SHARES[0])?, without(SHARES[1])?];
+        // Of what is known, a block that decides the share a leaves 1 - t a without its share t.
+        let left = 1.0 - DECIDES * SHARES[1];
+        let is_decided = |(known, rest): (&f64, f64)| *known < left * rest;
+        if (known.iter().zip(variances(&rest, self.params))).any(is_decided) {
+            // What only this block shows is not known without it: then it is weighed less instead of left out.
+            let rest = without(1.0).filter(|rest| shows_all(rest, whole));
+            return Some(rest.as_ref().unwrap_or(whole).solve(&self.asked));
+        }
+        Some(0.5 * (less.solve(&self.asked) + rest.solve(&self.asked)))
     }
 
     /// Covariance of the parameters, so that 1.96 standard deviations hold as much as Student's distribution does for so few blocks; of
@@ -190,6 +226,26 @@ mod tests {
             (found - &expected).amax() < 2e-3 * expected.amax(),
             "{found} {expected}"
         );
+    }
+
+    #[test]
+    fn what_one_block_decides_is_as_uncertain_as_without_it() {
+        // Of 480 samples 48 say nine tenths of the second parameter.
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let y = DMatrix::from_fn(480, 2, |i, j| match (j, i) {
+            (0, _) => 1.0,
+            (_, 48..96) => 3.0 * (i as f64).sin().signum(),
+            _ => (1.3 * i as f64).cos().signum() / 3.0,
+        });
+        let mut square = 0.0;
+        let mut stated = 0.0;
+        for _ in 0..300 {
+            let tau = DVector::from_fn(480, |_, _| StandardNormal.sample(&mut rng));
+            let theta = gram(&y).cholesky().unwrap().solve(&y.tr_mul(&tau));
+            square += theta[1] * theta[1];
+            stated += covariance(&y, &tau)[(1, 1)];
+        }
+        assert!(stated > square, "{stated} {square}");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::design::Design;
-use super::left_out::LEFT;
+use super::design::LEFT;
 use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, OnMotion, SplineMechanism};
 use crate::motion::Motion;

@@ -164,35 +164,58 @@ impl Report {
         out
     }
 
-    /// What tells an effect from others of its name: its size, where it is, and on which way.
+    /// In brackets what tells an effect from others of its name: its size, and of a zone where it is and which way.
     fn shape_of(&self, effect: &EffectEntry) -> String {
         let value = |name: &str| {
             let term = effect.terms.iter().find(|term| term.name == name);
             term.and_then(|term| term.value)
         };
-        let mut out = String::new();
-        if let Some((term, value)) = effect.terms.first().and_then(|t| Some((t, t.value?))) {
-            let _ = write!(out, " of {} {}", figure(value), term.unit);
-        }
+        let sizes = |fitted: bool| {
+            let terms = effect
+                .terms
+                .iter()
+                .filter(move |t| t.unit != "1" && t.std.is_some() == fitted);
+            terms.filter_map(|term| Some((term.name.as_str(), term.value?, term.unit.as_str())))
+        };
+        // What is fitted says the size; else what was searched for: of a slip its length.
+        let fitted: Vec<_> = sizes(true).take(2).collect();
+        let mut said: Vec<String> = match fitted.as_slice() {
+            // Two halves of one wave or of one direction.
+            [
+                ("sine" | "cosine" | "first", a, unit),
+                ("sine" | "cosine" | "second", b, _),
+            ] => {
+                vec![format!("{} {unit}", figure(a.hypot(*b)))]
+            }
+            some => {
+                let searched = sizes(false).take(usize::from(some.is_empty()));
+                some.iter()
+                    .copied()
+                    .chain(searched)
+                    .map(|(name, value, unit)| format!("{name} {} {unit}", figure(value)))
+                    .collect()
+            }
+        };
         if let (Some(from), Some(to)) = (value("from"), value("to")) {
             let [low, high] = self.joint.q_range;
-            let [from, to] = [from, to].map(|q| q.clamp(low, high));
-            let _ = match self.joint.kind {
-                JointKind::Revolute => write!(
-                    out,
-                    " from {:.1} to {:.1} deg",
-                    from.to_degrees(),
-                    to.to_degrees()
-                ),
-                JointKind::Prismatic => write!(out, " from {from:.3} to {to:.3} m"),
-            };
+            let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(low, high));
+            said.push(match self.joint.kind {
+                JointKind::Revolute => {
+                    format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
+                }
+                JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
+            });
         }
         match value("direction") {
-            Some(way) if way > 0.0 => out.push_str(" while q grows"),
-            Some(way) if way < 0.0 => out.push_str(" while q falls"),
+            Some(way) if way > 0.0 => said.push("as q grows".to_owned()),
+            Some(way) if way < 0.0 => said.push("as q falls".to_owned()),
             _ => {}
         }
-        out
+        if said.is_empty() {
+            String::new()
+        } else {
+            format!(" ({})", said.join(", "))
+        }
     }
 
     fn joint_line(&self) -> String {

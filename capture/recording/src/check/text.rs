@@ -25,14 +25,12 @@ fn account(text: &str) -> String {
         .filter(|(name, n)| **n > 0 && *name != "received")
         .map(|(name, n)| format!("{n} {name}"));
     let said: Vec<String> = received.into_iter().chain(others).collect();
-    let rest = if said.len() < counts.len() {
-        ", all else 0"
+    if said.is_empty() {
+        "all 0".to_owned()
+    } else if said.len() < counts.len() {
+        said.join(", ") + ", all else 0"
     } else {
-        ""
-    };
-    match said.is_empty() {
-        true => "all 0".to_owned(),
-        false => said.join(", ") + rest,
+        said.join(", ")
     }
 }
 
@@ -151,6 +149,26 @@ impl fmt::Display for Report {
                 "not usable for identification: {}",
                 self.reasons.join("; ")
             ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::account;
+
+    #[test]
+    fn a_ledger_is_said_in_words() {
+        for (text, said) in [
+            (
+                r#"{"received":7,"gaps":0,"drops":2}"#,
+                "7 received, 2 drops, all else 0",
+            ),
+            (r#"{"drops":0}"#, "all 0"),
+            (r#"{"drops":3}"#, "3 drops"),
+            ("17 frames, none lost", "17 frames, none lost"),
+        ] {
+            assert_eq!(account(text), said);
         }
     }
 }
