@@ -174,7 +174,7 @@ pub fn declare(
         })
         .map_err(|error| SinkError::Zenoh {
             what: "starting the thread of the commands",
-            why: crate::network::plainly(&error.to_string()),
+            why: error.to_string(),
         })?;
     NAMES
         .into_iter()

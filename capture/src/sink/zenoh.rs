@@ -87,7 +87,7 @@ impl ZenohSink {
             .collect();
         let recorders = Recorders::start(shelves, clock).map_err(|error| SinkError::Zenoh {
             what: "starting the thread that answers recorders",
-            why: crate::network::plainly(&error.to_string()),
+            why: error.to_string(),
         })?;
         let endpoints = declared
             .into_iter()
