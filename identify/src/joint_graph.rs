@@ -13,8 +13,8 @@
 //! the tool turned about the axis is left out, because a grasp that gives, or a tracker that reads angles short, would pull
 //! the radius.
 //!
-//! Each Gauss-Newton step is one block-tridiagonal elimination with the geometry as a border, linear in the number of
-//! samples. The wander's size and time constant are estimated from how the residuals across the motion grow with lag, so
+//! Each Gauss-Newton step is one block-tridiagonal elimination of the wanders with the geometry as a border, linear in the number of
+//! samples; each `q` is then where the path is nearest. The wander's size and time constant are estimated from how the residuals across the motion grow with lag, so
 //! correlated noise is neither over-trusted (a covariance that counts each sample) nor averaged as if it were white.
 //! A revolute joint has pitch 0 by construction.
 //!
@@ -27,13 +27,16 @@ mod noise;
 
 pub use noise::Wander;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Point3, UnitQuaternion, Vector3};
+use core::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, SVector, UnitQuaternion, Vector3};
 
 use crate::least_squares::effective_count;
 use crate::motion::strokes;
+use crate::products::in_vectors;
 use crate::samples::extrema;
 use crate::screw::{Candidates, JointKind, PoseSamples, ScrewAxis, perpendiculars};
-use chain::{Linearized, Step};
+use chain::{Dynamics, Linearized, Measured, Step};
 use frame::Frame;
 
 /// Number of geometry parameters: tilt 2, shift 2, grasp position 2, grasp rotation 3.
@@ -41,6 +44,11 @@ const GEOMETRY: usize = 9;
 
 /// Strokes from which on a wander can be told from the shape of the path.
 const MIN_STROKES: usize = 4;
+
+/// How often the noise is estimated anew.
+const MOST_ESTIMATES: usize = 6;
+/// Gauss-Newton steps.
+const MOST_STEPS: usize = 24;
 
 /// A refined joint.
 #[derive(Clone, Debug, PartialEq)]
@@ -109,36 +117,37 @@ fn refined(
         Wander::start(1e-3, track.period),
         Wander::start(5e-3, track.period),
     ];
-    let mut last = None;
-    for round in 0..4 {
-        let before = noise;
-        noise = if repeated {
-            state.estimate_noise(track, uses_rotations, noise)
-        } else {
-            state
-                .across(track, uses_rotations)
-                .map(|series| Wander::none(&series))
-        };
-        let same = |(now, before): (&Wander, &Wander)| now.is_near(before);
-        if round > 0 && noise.iter().zip(&before).all(same) {
-            break;
-        }
-        let mut cost = f64::INFINITY;
-        for _ in 0..12 {
-            let linear = state.linearize(track, uses_rotations, &noise);
-            let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
-            cost = linear.cost;
-            let Some(step) = linear.solve() else {
-                // Beyond the arithmetic: with more white noise the matrix is better conditioned.
-                noise.iter_mut().for_each(|noise| noise.white *= 3.0);
-                cost = f64::INFINITY;
-                continue;
+    let (mut last, mut cost) = (None, f64::INFINITY);
+    // Noise and geometry follow each other until the noise settles, then the geometry goes on alone.
+    let (mut settled, mut estimates) = (false, 0);
+    for _ in 0..MOST_STEPS {
+        if !settled {
+            let before = noise;
+            noise = if repeated {
+                state.estimate_noise(track, uses_rotations, noise)
+            } else {
+                state
+                    .across(track, uses_rotations)
+                    .map(|series| Wander::none(&series))
             };
-            let small = state.apply(&step);
-            last = Some((step, cost));
-            if done || small {
-                break;
-            }
+            let same = |(now, before): (&Wander, &Wander)| now.is_near(before);
+            estimates += 1;
+            settled = estimates == MOST_ESTIMATES || noise.iter().zip(&before).all(same);
+            cost = f64::INFINITY;
+        }
+        let linear = state.linearize(track, uses_rotations, &noise);
+        let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
+        cost = linear.cost;
+        let Some(step) = linear.solve() else {
+            // Beyond the arithmetic: with more white noise the matrix is better conditioned.
+            noise.iter_mut().for_each(|noise| noise.white *= 3.0);
+            (settled, cost) = (true, f64::INFINITY);
+            continue;
+        };
+        let small = state.apply(track, &step);
+        last = Some((step, cost));
+        if settled && (done || small) {
+            break;
         }
     }
     state.finish(track, uses_rotations, noise, last, repeated)
@@ -286,37 +295,58 @@ impl State {
             (JointKind::Prismatic, true) => vec![0, 1, 4, 5, 6, 7, 8],
             (JointKind::Prismatic, false) => vec![0, 1, 4, 5],
         };
-        let mut linear = Linearized::new(track.positions.len(), active);
+        let mut linear = Linearized::new(track.positions.len(), uses_rotations, active);
         let frame = Frame::new(self);
-        for i in 0..track.positions.len() {
-            let motion = self.axis.motion(self.q[i]);
-            let leftover = self.leftover_of(track, i, &motion, uses_rotations);
-            let jacobians = frame.jacobians(self, self.q[i], &motion.rotation);
-            for part in 0..if uses_rotations { 2 } else { 1 } {
-                let residual = leftover[part] - self.wander[i][part];
-                let ignored = (part == 1 && self.axis.kind == JointKind::Revolute)
-                    .then(|| self.axis.direction.into_inner());
-                linear.measure(
-                    i,
-                    part,
-                    &jacobians[part],
-                    residual,
-                    noise[part].white,
-                    ignored,
-                );
-            }
-            for (part, noise) in noise.iter().enumerate() {
-                let before = track.follows(i).then(|| self.wander[i - 1][part]);
-                linear.walk(i, part, before, self.wander[i][part], noise, track.period);
-            }
-        }
+        let dynamics = noise.map(|noise| Dynamics::of(&noise, track.period));
+        let direction = self.axis.direction.into_inner();
+        in_vectors(
+            #[inline(always)]
+            || {
+                for i in 0..track.positions.len() {
+                    let motion = self.axis.motion(self.q[i]);
+                    let leftover = self.leftover_of(track, i, &motion, uses_rotations);
+                    let jacobians = frame.jacobians(self, self.q[i], &motion.rotation);
+                    // The sample's joint coordinate explains what lies along the path.
+                    let ignored = [
+                        jacobians.along.try_normalize(0.0),
+                        (self.axis.kind == JointKind::Revolute).then_some(direction),
+                    ];
+                    for part in 0..if uses_rotations { 2 } else { 1 } {
+                        linear.measure(
+                            i,
+                            part,
+                            &Measured {
+                                jacobian: &jacobians.geometry[part],
+                                residual: leftover[part] - self.wander[i][part],
+                                white: noise[part].white,
+                                ignored: ignored[part],
+                            },
+                        );
+                        let before = track.follows(i).then(|| self.wander[i - 1][part]);
+                        linear.walk(i, part, before, self.wander[i][part], &dynamics[part]);
+                    }
+                }
+            },
+        );
         linear
     }
 
     /// Applies a step; true when it was too small to matter.
-    fn apply(&mut self, step: &Step) -> bool {
+    fn apply(&mut self, track: &PoseSamples, step: &Step) -> bool {
+        self.shift(&step.geometry);
+        for (part, changes) in step.wanders.iter().enumerate() {
+            for (wander, change) in self.wander.iter_mut().zip(changes) {
+                wander[part] += change;
+            }
+        }
+        self.follow(track);
+        // A tenth of a micrometre, or of a microradian.
+        step.geometry.amax() < 1e-7
+    }
+
+    /// Moves axis and grasp by a change of the geometry parameters.
+    fn shift(&mut self, g: &SVector<f64, GEOMETRY>) {
         let frame = Frame::new(self);
-        let g = &step.geometry;
         let tilt = UnitQuaternion::from_scaled_axis(frame.first * g[0] + frame.second * g[1]);
         self.p0 += frame.grasp[0] * g[4] + frame.grasp[1] * g[5];
         if self.axis.kind == JointKind::Revolute {
@@ -326,13 +356,30 @@ impl State {
         let [first, second, third] = frame.turns;
         let turn = first * g[6] + second * g[7] + third * g[8];
         self.r0 = UnitQuaternion::from_scaled_axis(turn) * self.r0;
-        for ((q, wander), change) in self.q.iter_mut().zip(&mut self.wander).zip(&step.states) {
-            *q += change[0];
-            wander[0] += Vector3::new(change[1], change[2], change[3]);
-            wander[1] += Vector3::new(change[4], change[5], change[6]);
+    }
+
+    /// Each joint coordinate to where the path is nearest to the position less its wander.
+    fn follow(&mut self, track: &PoseSamples) {
+        let direction = self.axis.direction.into_inner();
+        let samples = track.positions.iter().zip(&self.wander).zip(&mut self.q);
+        match self.axis.kind {
+            JointKind::Prismatic => {
+                for ((position, wander), q) in samples {
+                    *q = direction.dot(&(position - wander[0] - self.p0));
+                }
+            }
+            JointKind::Revolute => {
+                let arm = self.p0 - self.axis.point;
+                let across = direction.cross(&arm);
+                let along = across.cross(&direction);
+                for ((position, wander), q) in samples {
+                    let there = position - wander[0] - self.axis.point;
+                    let angle = across.dot(&there).atan2(along.dot(&there));
+                    // The turn that is nearest to where it was.
+                    *q = angle + TAU * ((*q - angle) / TAU).round();
+                }
+            }
         }
-        // A tenth of a micrometre, or of a microradian.
-        g.amax() < 1e-7
     }
 
     /// Derivative of the tool's distance from the axis by the geometry parameters.

@@ -1,24 +1,25 @@
-//! The normal equations of a chain of per-sample states bordered by the geometry, and their elimination.
+//! The normal equations of chains of per-sample wanders bordered by the geometry, and their elimination.
+//!
+//! The joint coordinate of a sample follows from the rest and is in no chain: what a change of it could explain does not count
+//! ([`Measured::ignored`]).
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector3};
 
 use super::{GEOMETRY, Wander};
 use crate::products::in_vectors;
 
-/// Joint coordinate 1, position wander 3, rotation wander 3.
-const STATE: usize = 7;
+/// Of a wander, of the position or of the rotation.
+const STATE: usize = 3;
 
-type Block = SMatrix<f64, STATE, STATE>;
-/// One column per state.
-type Border = SMatrix<f64, GEOMETRY, STATE>;
-type StateVector = SVector<f64, STATE>;
-
+/// A sample's wander in the normal equations.
+#[derive(Clone)]
 struct Link {
-    diagonal: Block,
-    /// Coupling to the next sample; diagonal, so a vector.
-    next: StateVector,
-    border: Border,
-    right: StateVector,
+    diagonal: [[f64; STATE]; STATE],
+    /// Coupling to the next sample's, the same for each component.
+    next: f64,
+    /// A row per component.
+    border: [[f64; GEOMETRY]; STATE],
+    right: [f64; STATE],
 }
 
 /// What stands beside a link's diagonal block: border, right side, identity.
@@ -27,13 +28,20 @@ const BESIDE: usize = GEOMETRY + 1 + STATE;
 const IDENTITY: usize = GEOMETRY + 1;
 
 impl Link {
+    const EMPTY: Self = Self {
+        diagonal: [[0.0; STATE]; STATE],
+        next: 0.0,
+        border: [[0.0; GEOMETRY]; STATE],
+        right: [0.0; STATE],
+    };
+
     /// The inverse of the diagonal block's lower Cholesky factor times what stands beside the block.
     #[inline(always)]
     fn reduced(&self) -> Option<[[f64; BESIDE]; STATE]> {
-        let mut block: [[f64; STATE]; STATE] = self.diagonal.into();
+        let mut block = self.diagonal;
         let mut beside = [[0.0; BESIDE]; STATE];
         for (k, row) in beside.iter_mut().enumerate() {
-            row[..GEOMETRY].copy_from_slice(self.border.column(k).as_slice());
+            row[..GEOMETRY].copy_from_slice(&self.border[k]);
             row[GEOMETRY] = self.right[k];
             row[IDENTITY + k] = 1.0;
         }
@@ -73,11 +81,24 @@ fn products<const N: usize>(rows: &[[f64; N]]) -> [[f64; N]; N] {
     out
 }
 
+/// A measured 3-vector.
+pub(super) struct Measured<'a> {
+    /// Of the prediction by the geometry, as columns.
+    pub(super) jacobian: &'a [Vector3<f64>; GEOMETRY],
+    /// Measured minus predicted.
+    pub(super) residual: Vector3<f64>,
+    /// Standard deviation of its white noise, per component.
+    pub(super) white: f64,
+    /// Unit vector; the component along it counts for nothing.
+    pub(super) ignored: Option<Vector3<f64>>,
+}
+
 /// One linearization of the graph.
 pub(super) struct Linearized {
-    links: Vec<Link>,
-    geometry: SMatrix<f64, GEOMETRY, GEOMETRY>,
-    right: SVector<f64, GEOMETRY>,
+    /// Of the position's wander, of the rotation's.
+    chains: [Vec<Link>; 2],
+    geometry: [[f64; GEOMETRY]; GEOMETRY],
+    right: [f64; GEOMETRY],
     active: Vec<usize>,
     /// Sum of squared, weighted, whitened residuals.
     pub(super) cost: f64,
@@ -87,7 +108,8 @@ pub(super) struct Linearized {
 /// A Gauss-Newton step.
 pub(super) struct Step {
     pub(super) geometry: SVector<f64, GEOMETRY>,
-    pub(super) states: Vec<StateVector>,
+    /// Of the position's wander and the rotation's; empty where there is no such.
+    pub(super) wanders: [Vec<Vector3<f64>>; 2],
     /// Covariance of the geometry with all states eliminated; zero rows where a parameter is not active.
     pub(super) covariance: DMatrix<f64>,
     /// Residual rows minus unknowns.
@@ -95,36 +117,29 @@ pub(super) struct Step {
 }
 
 impl Linearized {
-    pub(super) fn new(count: usize, active: Vec<usize>) -> Self {
-        let links = (0..count)
-            .map(|_| Link {
-                diagonal: Block::zeros(),
-                next: StateVector::zeros(),
-                border: Border::zeros(),
-                right: StateVector::zeros(),
-            })
-            .collect();
+    /// Of so many samples; without rotations their chain is empty.
+    pub(super) fn new(count: usize, uses_rotations: bool, active: Vec<usize>) -> Self {
+        let rotations = if uses_rotations { count } else { 0 };
         Self {
-            links,
-            geometry: SMatrix::zeros(),
-            right: SVector::zeros(),
+            chains: [count, rotations].map(|count| vec![Link::EMPTY; count]),
+            geometry: [[0.0; GEOMETRY]; GEOMETRY],
+            right: [0.0; GEOMETRY],
             active,
             cost: 0.0,
             rows: 0.0,
         }
     }
 
-    /// Adds a measured 3-vector of sample `i`; `part` 0 = position, 1 = rotation; the component along `ignored` counts for
-    /// nothing. Outliers beyond three standard deviations lose weight as (3 sigma / distance)^2.
-    pub(super) fn measure(
-        &mut self,
-        i: usize,
-        part: usize,
-        jacobian: &[Vector3<f64>; GEOMETRY + 1],
-        residual: Vector3<f64>,
-        white: f64,
-        ignored: Option<Vector3<f64>>,
-    ) {
+    /// Adds what is measured of sample `i`; `part` 0 = position, 1 = rotation. Outliers beyond three standard deviations lose weight
+    /// as (3 sigma / distance)^2.
+    #[inline(always)]
+    pub(super) fn measure(&mut self, i: usize, part: usize, measured: &Measured) {
+        let Measured {
+            jacobian,
+            residual,
+            white,
+            ignored,
+        } = *measured;
         let keep = Matrix3::identity() - ignored.map_or_else(Matrix3::zeros, |u| u * u.transpose());
         let components = if ignored.is_some() { 2.0_f64 } else { 3.0 };
         let residual = keep * residual;
@@ -135,35 +150,31 @@ impl Linearized {
             (3.0 / distance).powi(2)
         } / (white * white);
         let root = weight.sqrt();
-        let jacobian = jacobian.map(|column| keep * column);
-        // Joint coordinate, geometry, residual.
-        let mut rows = [[0.0; GEOMETRY + 2]; 3];
+        // Geometry, residual.
+        let mut rows = [[0.0; GEOMETRY + 1]; STATE];
+        for (j, column) in jacobian.iter().enumerate() {
+            let column = keep * column;
+            for (axis, row) in rows.iter_mut().enumerate() {
+                row[j] = root * column[axis];
+            }
+        }
         for (axis, row) in rows.iter_mut().enumerate() {
-            for (value, column) in row.iter_mut().zip(jacobian.iter().chain([&residual])) {
-                *value = root * column[axis];
-            }
+            row[GEOMETRY] = root * residual[axis];
         }
-        let [own, by_geometry @ .., _] = products(&rows);
-        let link = &mut self.links[i];
-        let wander = 1 + 3 * part;
-        link.diagonal[(0, 0)] += own[0];
-        link.right[0] += own[GEOMETRY + 1];
+        let link = &mut self.chains[part][i];
         for (k, row) in rows.iter().enumerate() {
-            for other in 0..3 {
-                link.diagonal[(wander + k, wander + other)] += weight * keep[(k, other)];
+            for other in 0..STATE {
+                link.diagonal[k][other] += weight * keep[(k, other)];
             }
-            link.diagonal[(0, wander + k)] += root * row[0];
-            link.diagonal[(wander + k, 0)] += root * row[0];
-            link.right[wander + k] += weight * residual[k];
+            for (sum, value) in link.border[k].iter_mut().zip(row) {
+                *sum += root * value;
+            }
+            link.right[k] += root * row[GEOMETRY];
         }
-        for (column, products) in by_geometry.iter().enumerate() {
-            link.border[(column, 0)] += own[1 + column];
-            for (k, row) in rows.iter().enumerate() {
-                link.border[(column, wander + k)] += root * row[1 + column];
-            }
-            self.right[column] += products[GEOMETRY + 1];
-            for other in 0..GEOMETRY {
-                self.geometry[(column, other)] += products[1 + other];
+        for (column, products) in products(&rows)[..GEOMETRY].iter().enumerate() {
+            self.right[column] += products[GEOMETRY];
+            for (sum, product) in self.geometry[column].iter_mut().zip(products) {
+                *sum += product;
             }
         }
         self.cost += weight * residual.norm_squared();
@@ -171,96 +182,87 @@ impl Linearized {
     }
 
     /// Adds the wander's own dynamics between sample `i` and the one `before` it, or its prior at the start of a run.
+    #[inline(always)]
     pub(super) fn walk(
         &mut self,
         i: usize,
         part: usize,
         before: Option<Vector3<f64>>,
         now: Vector3<f64>,
-        noise: &Wander,
-        period: f64,
+        dynamics: &Dynamics,
     ) {
-        let rho = if before.is_some() {
-            (-period / noise.time_constant).exp()
-        } else {
-            0.0
+        let (weight, rho) = match before {
+            Some(_) => (dynamics.weight, dynamics.rho),
+            None => (dynamics.first, 0.0),
         };
-        let weight = 1.0 / (noise.wander * noise.wander * (1.0 - rho * rho));
         let error = now - before.unwrap_or_default() * rho;
-        for k in 0..3 {
-            let at = 1 + 3 * part + k;
-            self.links[i].diagonal[(at, at)] += weight;
-            self.links[i].right[at] -= weight * error[k];
-            if before.is_some() {
-                let link = &mut self.links[i - 1];
-                link.diagonal[(at, at)] += weight * rho * rho;
-                link.next[at] = -weight * rho;
-                link.right[at] += weight * rho * error[k];
+        let links = &mut self.chains[part];
+        for k in 0..STATE {
+            links[i].diagonal[k][k] += weight;
+            links[i].right[k] -= weight * error[k];
+        }
+        if before.is_some() {
+            let link = &mut links[i - 1];
+            link.next = -weight * rho;
+            for k in 0..STATE {
+                link.diagonal[k][k] += weight * rho * rho;
+                link.right[k] += weight * rho * error[k];
             }
         }
         self.cost += weight * error.norm_squared();
-        self.rows += 3.0;
+        self.rows += STATE as f64;
     }
 
-    /// Eliminates the chain, solves for the geometry, and substitutes back.
+    /// Eliminates the chains, solves for the geometry, and substitutes back.
     pub(super) fn solve(mut self) -> Option<Step> {
-        in_vectors(
-            #[inline(always)]
-            || self.eliminate(),
-        )?;
-        let (geometry, covariance) = self.solve_geometry()?;
-        let count = self.links.len();
-        let mut states = vec![StateVector::zeros(); count];
-        let mut following = StateVector::zeros();
-        for (link, state) in self.links.iter().zip(&mut states).rev() {
-            let from_next = link.next.component_mul(&following);
-            for k in 0..STATE {
-                let inverse = link.diagonal.column(k);
-                let left = link.right[k] - link.border.column(k).dot(&geometry);
-                *state += inverse * (left - inverse.dot(&from_next));
-            }
-            following = *state;
+        for part in 0..self.chains.len() {
+            in_vectors(
+                #[inline(always)]
+                || self.eliminate(part),
+            )?;
         }
-        let unknowns = (count * STATE + self.active.len()) as f64;
+        let (geometry, covariance) = self.solve_geometry()?;
+        let wanders = self.chains.each_ref().map(|links| back(links, &geometry));
+        let states: usize = self.chains.iter().map(|links| STATE * links.len()).sum();
         Some(Step {
             geometry,
-            states,
+            wanders,
             covariance,
-            freedom: self.rows - unknowns,
+            freedom: self.rows - (states + self.active.len()) as f64,
         })
     }
 
-    /// Takes one state after the other out of those that follow and out of the geometry. Leaves in its link, for each row of the
-    /// inverse Cholesky factor, that row as a column of `diagonal` and its products with `border` and `right`.
+    /// Takes one sample's wander after the other out of those that follow and out of the geometry. Leaves in its link, for each row of
+    /// the inverse Cholesky factor, that row in `diagonal` and its products with `border` and `right`.
     #[inline(always)]
-    fn eliminate(&mut self) -> Option<()> {
-        for i in 0..self.links.len() {
-            let reduced = self.links[i].reduced()?;
+    fn eliminate(&mut self, part: usize) -> Option<()> {
+        let links = &mut self.chains[part];
+        for i in 0..links.len() {
+            let reduced = links[i].reduced()?;
             let products = products(&reduced);
             for (column, products) in products[..GEOMETRY].iter().enumerate() {
                 self.right[column] -= products[GEOMETRY];
-                for (other, product) in products[..GEOMETRY].iter().enumerate() {
-                    self.geometry[(other, column)] -= product;
+                for (sum, product) in self.geometry[column].iter_mut().zip(products) {
+                    *sum -= product;
                 }
             }
-            let link = &mut self.links[i];
-            let next = link.next;
+            let next = links[i].next;
             for (k, row) in reduced.iter().enumerate() {
+                let link = &mut links[i];
                 link.right[k] = row[GEOMETRY];
-                link.border.column_mut(k).copy_from_slice(&row[..GEOMETRY]);
-                let inverse = &row[IDENTITY..];
-                link.diagonal.column_mut(k).copy_from_slice(inverse);
+                link.border[k].copy_from_slice(&row[..GEOMETRY]);
+                link.diagonal[k].copy_from_slice(&row[IDENTITY..]);
             }
-            let Some(following) = self.links.get_mut(i + 1) else {
+            let Some(following) = links.get_mut(i + 1) else {
                 continue;
             };
             for (k, products) in products[IDENTITY..].iter().enumerate() {
-                following.right[k] -= next[k] * products[GEOMETRY];
-                for (column, product) in products[..GEOMETRY].iter().enumerate() {
-                    following.border[(column, k)] -= next[k] * product;
+                following.right[k] -= next * products[GEOMETRY];
+                for (sum, product) in following.border[k].iter_mut().zip(products) {
+                    *sum -= next * product;
                 }
-                for (other, product) in products[IDENTITY..].iter().enumerate() {
-                    following.diagonal[(other, k)] -= next[other] * product * next[k];
+                for (sum, product) in following.diagonal[k].iter_mut().zip(&products[IDENTITY..]) {
+                    *sum -= next * next * product;
                 }
             }
         }
@@ -272,11 +274,11 @@ impl Linearized {
         let scale: Vec<f64> = self
             .active
             .iter()
-            .map(|&j| self.geometry[(j, j)].max(1e-12).sqrt())
+            .map(|&j| self.geometry[j][j].max(1e-12).sqrt())
             .collect();
         let part = DMatrix::from_fn(n, n, |i, j| {
             let ridge = if i == j { 1e-12 } else { 0.0 };
-            self.geometry[(self.active[i], self.active[j])] / (scale[i] * scale[j]) + ridge
+            self.geometry[self.active[i]][self.active[j]] / (scale[i] * scale[j]) + ridge
         });
         let right = DVector::from_fn(n, |i, _| self.right[self.active[i]] / scale[i]);
         let factor = part.cholesky()?;
@@ -293,4 +295,41 @@ impl Linearized {
         }
         Some((geometry, covariance))
     }
+}
+
+/// A wander's dynamics from one sample to the next.
+pub(super) struct Dynamics {
+    rho: f64,
+    /// One over the variance of a step.
+    weight: f64,
+    /// One over that of the first.
+    first: f64,
+}
+
+impl Dynamics {
+    pub(super) fn of(noise: &Wander, period: f64) -> Self {
+        let rho = (-period / noise.time_constant).exp();
+        let first = 1.0 / (noise.wander * noise.wander);
+        Self {
+            rho,
+            weight: first / (1.0 - rho * rho),
+            first,
+        }
+    }
+}
+
+/// The wanders of a chain that was eliminated.
+fn back(links: &[Link], geometry: &SVector<f64, GEOMETRY>) -> Vec<Vector3<f64>> {
+    let mut states = vec![Vector3::zeros(); links.len()];
+    let mut following = Vector3::zeros();
+    for (link, state) in links.iter().zip(&mut states).rev() {
+        let from_next: Vector3<f64> = following * link.next;
+        for k in 0..STATE {
+            let inverse = Vector3::from(link.diagonal[k]);
+            let left = link.right[k] - SVector::from(link.border[k]).dot(geometry);
+            *state += inverse * (left - inverse.dot(&from_next));
+        }
+        following = *state;
+    }
+    states
 }

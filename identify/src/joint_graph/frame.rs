@@ -36,43 +36,47 @@ impl Frame {
         }
     }
 
-    /// Derivatives of predicted position and rotation (left perturbation) by [q, geometry...], as columns; `turn` = rotation of
-    /// the joint's motion at `q`.
-    pub(super) fn jacobians(
-        &self,
-        state: &State,
-        q: f64,
-        turn: &UnitQuaternion<f64>,
-    ) -> [[Vector3<f64>; GEOMETRY + 1]; 2] {
+    /// At `q`; `turn` = rotation of the joint's motion there.
+    pub(super) fn jacobians(&self, state: &State, q: f64, turn: &UnitQuaternion<f64>) -> Jacobians {
         let zero = Vector3::zeros();
-        let mut position = [zero; GEOMETRY + 1];
-        let mut rotation = [zero; GEOMETRY + 1];
+        let mut position = [zero; GEOMETRY];
+        let mut rotation = [zero; GEOMETRY];
         let direction = state.axis.direction.into_inner();
         let turn = turn.to_rotation_matrix();
-        match state.axis.kind {
+        let along = match state.axis.kind {
             JointKind::Prismatic => {
-                position[0] = direction;
-                position[1] = self.first.cross(&direction) * q;
-                position[2] = self.second.cross(&direction) * q;
+                position[0] = self.first.cross(&direction) * q;
+                position[1] = self.second.cross(&direction) * q;
+                direction
             }
             JointKind::Revolute => {
                 let arm = state.p0 - state.axis.point;
                 let turned = turn * arm;
-                position[0] = direction.cross(&turned);
-                rotation[0] = direction;
                 for (k, e) in [self.first, self.second].into_iter().enumerate() {
-                    position[1 + k] = e.cross(&turned) - turn * e.cross(&arm);
-                    rotation[1 + k] = e - turn * e;
-                    position[3 + k] = e - turn * e;
+                    position[k] = e.cross(&turned) - turn * e.cross(&arm);
+                    rotation[k] = e - turn * e;
+                    position[2 + k] = e - turn * e;
                 }
+                direction.cross(&turned)
             }
-        }
+        };
         for k in 0..2 {
-            position[5 + k] = turn * self.grasp[k];
+            position[4 + k] = turn * self.grasp[k];
         }
         for (k, e) in self.turns.into_iter().enumerate() {
-            rotation[7 + k] = turn * e;
+            rotation[6 + k] = turn * e;
         }
-        [position, rotation]
+        Jacobians {
+            along,
+            geometry: [position, rotation],
+        }
     }
+}
+
+/// Derivatives of a predicted pose.
+pub(super) struct Jacobians {
+    /// Of the position by the joint coordinate.
+    pub(super) along: Vector3<f64>,
+    /// Of position and rotation (left perturbation) by the geometry, as columns.
+    pub(super) geometry: [[Vector3<f64>; GEOMETRY]; 2],
 }

@@ -189,35 +189,191 @@ fn jacobians_agree_with_finite_differences() {
         } else {
             &[]
         };
-        for column in (0..=GEOMETRY).filter(|c| !skip.contains(&c.wrapping_sub(1))) {
+        let derivative = |moved: &dyn Fn(f64) -> State| {
             let h = 1e-6;
-            let moved = |sign: f64| {
-                let mut step = Step {
-                    geometry: nalgebra::SVector::zeros(),
-                    states: vec![nalgebra::SVector::zeros()],
-                    covariance: DMatrix::zeros(GEOMETRY, GEOMETRY),
-                    freedom: 1.0,
-                };
-                if column == 0 {
-                    step.states[0][0] = sign * h;
-                } else {
-                    step.geometry[column - 1] = sign * h;
-                }
-                let mut s = state.clone();
-                s.apply(&step);
-                predict(&s)
-            };
-            let ((p1, r1), (p0, r0)) = (moved(1.0), moved(-1.0));
-            let position = (p1 - p0) / (2.0 * h);
-            let rotation = (r1 * r0.inverse()).scaled_axis() / (2.0 * h);
+            let ((p1, r1), (p0, r0)) = (predict(&moved(h)), predict(&moved(-h)));
+            let turn = (r1 * r0.inverse()).scaled_axis();
+            ((p1 - p0) / (2.0 * h), turn / (2.0 * h))
+        };
+        let (along, _) = derivative(&|h| State {
+            q: vec![0.8 + h],
+            ..state.clone()
+        });
+        assert!((along - analytic.along).norm() < 1e-6, "{kind:?}");
+        for column in (0..GEOMETRY).filter(|c| !skip.contains(c)) {
+            let (position, rotation) = derivative(&|h| {
+                let mut geometry = SVector::zeros();
+                geometry[column] = h;
+                let mut moved = state.clone();
+                moved.shift(&geometry);
+                moved
+            });
             assert!(
-                (position - analytic[0][column]).norm() < 1e-6,
+                (position - analytic.geometry[0][column]).norm() < 1e-6,
                 "{kind:?} position, column {column}"
             );
             assert!(
-                (rotation - analytic[1][column]).norm() < 1e-6,
+                (rotation - analytic.geometry[1][column]).norm() < 1e-6,
                 "{kind:?} rotation, column {column}"
             );
+        }
+    }
+}
+
+/// The step that one dense least squares over geometry, every joint coordinate and every wander gives: its geometry and wanders.
+fn dense_step(
+    state: &State,
+    track: &PoseSamples,
+    noise: &[Wander; 2],
+    active: &[usize],
+) -> DVector<f64> {
+    let count = track.positions.len();
+    let of_wander = |i: usize, part: usize| active.len() + count + 6 * i + 3 * part;
+    let unknowns = of_wander(count, 0);
+    let (mut h, mut right) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
+    let mut add = |row: &DVector<f64>, residual: f64, std: f64| {
+        h += row * row.transpose() / (std * std);
+        right += row * (residual / (std * std));
+    };
+    let frame = Frame::new(state);
+    for i in 0..count {
+        let motion = state.axis.motion(state.q[i]);
+        let jacobians = frame.jacobians(state, state.q[i], &motion.rotation);
+        let direction = state.axis.direction.into_inner();
+        let leftover = state.leftover(track, i, true);
+        for part in 0..2 {
+            let Wander {
+                white,
+                wander,
+                time_constant,
+            } = noise[part];
+            for k in 0..3 {
+                let mut row = DVector::zeros(unknowns);
+                let mut residual = leftover[part] - state.wander[i][part];
+                let across = |v: Vector3<f64>| {
+                    if part == 1 && state.axis.kind == JointKind::Revolute {
+                        v - direction * direction.dot(&v)
+                    } else {
+                        v
+                    }
+                };
+                residual = across(residual);
+                for (j, column) in active.iter().enumerate() {
+                    row[j] = across(jacobians.geometry[part][*column])[k];
+                }
+                if part == 0 {
+                    row[active.len() + i] = jacobians.along[k];
+                }
+                for other in 0..3 {
+                    row[of_wander(i, part) + other] = across(Vector3::ith(other, 1.0))[k];
+                }
+                add(&row, residual[k], white);
+                let rho = (-track.period / time_constant).exp();
+                let mut row = DVector::zeros(unknowns);
+                row[of_wander(i, part) + k] = 1.0;
+                if track.follows(i) {
+                    row[of_wander(i - 1, part) + k] = -rho;
+                    let error = state.wander[i][part][k] - rho * state.wander[i - 1][part][k];
+                    add(&row, -error, wander * (1.0 - rho * rho).sqrt());
+                } else {
+                    add(&row, -state.wander[i][part][k], wander);
+                }
+            }
+        }
+    }
+    h.cholesky().unwrap().solve(&right)
+}
+
+#[test]
+fn a_step_is_that_of_one_dense_least_squares() {
+    for kind in [JointKind::Revolute, JointKind::Prismatic] {
+        let (axis, handle) = door();
+        let point = match kind {
+            JointKind::Revolute => axis.point,
+            // Of a slide the line that the tool follows.
+            JointKind::Prismatic => handle,
+        };
+        let axis = ScrewAxis {
+            kind,
+            point,
+            ..axis
+        };
+        let mut samples = track(&axis, handle, 1.2, 8, [1e-3, 1e-3]);
+        samples.positions.truncate(60);
+        samples.rotations.truncate(60);
+        samples.starts = vec![0, 25];
+        let mut state = State::start(
+            &samples,
+            &Candidates {
+                axis,
+                ..select(&track(&axis, handle, 1.2, 8, [1e-3, 1e-3])).unwrap()
+            },
+            true,
+        );
+        for (i, wander) in state.wander.iter_mut().enumerate() {
+            let size = 1e-4 * (i as f64).sin();
+            *wander = [Vector3::new(size, -size, 2.0 * size); 2];
+        }
+        let noise = [2e-3, 3e-3].map(|size| Wander {
+            white: size,
+            wander: 2.0 * size,
+            time_constant: 0.7,
+        });
+        let linear = state.linearize(&samples, true, &noise);
+        let active: &[usize] = if kind == JointKind::Revolute {
+            &[0, 1, 2, 3, 4, 5, 6, 7]
+        } else {
+            &[0, 1, 4, 5, 6, 7, 8]
+        };
+        let (step, dense) = (
+            linear.solve().unwrap(),
+            dense_step(&state, &samples, &noise, active),
+        );
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-6 * (1e-3 + b.abs());
+        for (j, column) in active.iter().enumerate() {
+            assert!(
+                near(step.geometry[*column], dense[j]),
+                "{kind:?}, column {column}: {} {}",
+                step.geometry[*column],
+                dense[j]
+            );
+        }
+        for (i, wander) in (0..60).flat_map(|i| [(i, 0), (i, 1)]) {
+            for k in 0..3 {
+                let there = dense[active.len() + 60 + 6 * i + 3 * wander + k];
+                assert!(
+                    near(step.wanders[wander][i][k], there),
+                    "{kind:?}, sample {i}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn each_coordinate_follows_to_where_the_path_is_nearest() {
+    for kind in [JointKind::Revolute, JointKind::Prismatic] {
+        let (axis, handle) = door();
+        let axis = ScrewAxis { kind, ..axis };
+        let mut samples = track(&axis, handle, 1.2, 9, [5e-3, 1e-3]);
+        samples.positions.truncate(50);
+        let mut state = State {
+            axis,
+            p0: handle,
+            r0: UnitQuaternion::identity(),
+            // One of them a turn and more away.
+            q: (0..50).map(|i| if i == 7 { 7.0 } else { 0.3 }).collect(),
+            wander: vec![[Vector3::new(1e-3, 0.0, -2e-3); 2]; 50],
+        };
+        state.follow(&samples);
+        for (i, (position, wander)) in samples.positions.iter().zip(&state.wander).enumerate() {
+            let far = |q: f64| (position - wander[0] - axis.motion(q) * handle).norm();
+            let q = state.q[i];
+            assert!(far(q) <= far(q + 1e-4).min(far(q - 1e-4)), "{kind:?} {i}");
+            if kind == JointKind::Revolute {
+                let before = if i == 7 { 7.0 } else { 0.3 };
+                assert!((q - before).abs() <= core::f64::consts::PI, "{i}: {q}");
+            }
         }
     }
 }
