@@ -10,6 +10,8 @@ pub use bounded::{Bound, bounded_quadratic};
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::products::dot;
+
 /// Why there is no estimate.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -229,7 +231,7 @@ pub fn effective_count(series: &[f64]) -> f64 {
     let (mut series, mut step, mut time) = (centred, 1, 1.0);
     let mut lag = 1;
     while lag * step < n / 4 {
-        let product: f64 = series.iter().zip(&series[lag..]).map(|(a, b)| a * b).sum();
+        let product = dot(&series[..series.len() - lag], &series[lag..]);
         let rho = product * step as f64 / power;
         if rho < 0.05 {
             break;

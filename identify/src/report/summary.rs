@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::EffectEntry;
 use super::Report;
 use crate::analysis::Verdict;
+use crate::dynamics::Term;
 use crate::screw::JointKind;
 
 impl Report {
@@ -148,7 +148,7 @@ impl Report {
                 out,
                 "lacked     {}{}: {before} -> {after} {unit} ({share_before:.1} -> {share_after:.1} %)",
                 effect.name,
-                self.shape_of(effect)
+                shape_of(&effect.terms, self.joint.kind, self.joint.q_range)
             );
             for pair in &effect.confirm_rms {
                 let _ = write!(out, ", {}", confirmation(*pair));
@@ -162,60 +162,6 @@ impl Report {
             let _ = writeln!(out, "lacked     nothing that the library has a name for");
         }
         out
-    }
-
-    /// In brackets what tells an effect from others of its name: its size, and of a zone where it is and which way.
-    fn shape_of(&self, effect: &EffectEntry) -> String {
-        let value = |name: &str| {
-            let term = effect.terms.iter().find(|term| term.name == name);
-            term.and_then(|term| term.value)
-        };
-        let sizes = |fitted: bool| {
-            let terms = effect
-                .terms
-                .iter()
-                .filter(move |t| t.unit != "1" && t.std.is_some() == fitted);
-            terms.filter_map(|term| Some((term.name.as_str(), term.value?, term.unit.as_str())))
-        };
-        // What is fitted says the size; else what was searched for: of a slip its length.
-        let fitted: Vec<_> = sizes(true).take(2).collect();
-        let mut said: Vec<String> = match fitted.as_slice() {
-            // Two halves of one wave or of one direction.
-            [
-                ("sine" | "cosine" | "first", a, unit),
-                ("sine" | "cosine" | "second", b, _),
-            ] => {
-                vec![format!("{} {unit}", figure(a.hypot(*b)))]
-            }
-            some => {
-                let searched = sizes(false).take(usize::from(some.is_empty()));
-                some.iter()
-                    .copied()
-                    .chain(searched)
-                    .map(|(name, value, unit)| format!("{name} {} {unit}", figure(value)))
-                    .collect()
-            }
-        };
-        if let (Some(from), Some(to)) = (value("from"), value("to")) {
-            let [low, high] = self.joint.q_range;
-            let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(low, high));
-            said.push(match self.joint.kind {
-                JointKind::Revolute => {
-                    format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
-                }
-                JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
-            });
-        }
-        match value("direction") {
-            Some(way) if way > 0.0 => said.push("as q grows".to_owned()),
-            Some(way) if way < 0.0 => said.push("as q falls".to_owned()),
-            _ => {}
-        }
-        if said.is_empty() {
-            String::new()
-        } else {
-            format!(" ({})", said.join(", "))
-        }
     }
 
     fn joint_line(&self) -> String {
@@ -273,6 +219,68 @@ impl Report {
     }
 }
 
+/// In brackets what tells an effect from others of its name by its `terms`: its size, where it is in the `range` of the joint coordinate, how
+/// often it comes back, and which way.
+fn shape_of(terms: &[Term], kind: JointKind, range: [f64; 2]) -> String {
+    let value = |name: &str| {
+        let term = terms.iter().find(|term| term.name == name);
+        term.and_then(|term| term.value)
+    };
+    let sizes = |fitted: bool| {
+        let terms = terms
+            .iter()
+            .filter(move |t| t.unit != "1" && t.std.is_some() == fitted);
+        terms.filter_map(|term| Some((term.name.as_str(), term.value?, term.unit.as_str())))
+    };
+    // What is fitted says the size; else what was searched for: of a slip its length.
+    let fitted: Vec<_> = sizes(true).take(2).collect();
+    let mut said: Vec<String> = match fitted.as_slice() {
+        // Two halves of one wave or of one direction.
+        [
+            ("sine" | "cosine" | "first", a, unit),
+            ("sine" | "cosine" | "second", b, _),
+        ] => {
+            vec![format!("{} {unit}", figure(a.hypot(*b)))]
+        }
+        some => {
+            let searched = sizes(false).take(usize::from(some.is_empty()));
+            some.iter()
+                .copied()
+                .chain(searched)
+                .map(|(name, value, unit)| format!("{name} {} {unit}", figure(value)))
+                .collect()
+        }
+    };
+    if let (Some(from), Some(to)) = (value("from"), value("to")) {
+        let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(range[0], range[1]));
+        said.push(match kind {
+            JointKind::Revolute => {
+                format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
+            }
+            JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
+        });
+    }
+    // Of a notch, a magnet, and a wave.
+    for (name, word) in [("centre", "at"), ("reach", "reaching"), ("pitch", "every")] {
+        if let Some(length) = value(name) {
+            said.push(match kind {
+                JointKind::Revolute => format!("{word} {:.2} deg", length.to_degrees()),
+                JointKind::Prismatic => format!("{word} {:.1} mm", length * 1e3),
+            });
+        }
+    }
+    match value("direction") {
+        Some(way) if way > 0.0 => said.push("as q grows".to_owned()),
+        Some(way) if way < 0.0 => said.push("as q falls".to_owned()),
+        _ => {}
+    }
+    if said.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", said.join(", "))
+    }
+}
+
 /// `value ± std` with as many digits as the standard deviation deserves.
 #[must_use]
 pub fn with_std(value: f64, std: f64) -> String {
@@ -311,6 +319,48 @@ fn confirmation([before, after]: [f64; 2]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Name, value, unit; of a fitted one `std` is known.
+    fn terms(of: &[(&str, f64, &str)], fitted: usize) -> Vec<Term> {
+        let each = of.iter().enumerate().map(|(i, (name, value, unit))| Term {
+            name: (*name).to_owned(),
+            value: Some(*value),
+            std: (i < fitted).then_some(0.1),
+            unit: (*unit).to_owned(),
+        });
+        each.collect()
+    }
+
+    #[test]
+    fn an_effect_is_told_by_its_size_and_place() {
+        let line =
+            |of: &[_], fitted| shape_of(&terms(of, fitted), JointKind::Prismatic, [0.0, 0.4]);
+        let ripple = [
+            ("sine", 3.0, "N"),
+            ("cosine", -4.0, "N"),
+            ("pitch", 0.0215, "m"),
+        ];
+        assert_eq!(line(&ripple, 2), " (5.000 N, every 21.5 mm)");
+        let detent = [
+            ("hold", 2.0, "N"),
+            ("centre", 0.2, "m"),
+            ("round", 1.0, "1"),
+        ];
+        assert_eq!(line(&detent, 1), " (hold 2.000 N, at 200.0 mm)");
+        let zone = [
+            ("damping", 7.0, "N s/m"),
+            ("from", 0.35, "m"),
+            ("to", 0.7, "m"),
+            ("direction", -1.0, "1"),
+        ];
+        let said = " (damping 7.000 N s/m, 0.350 to 0.400 m, as q falls)";
+        assert_eq!(line(&zone, 1), said);
+        assert_eq!(line(&[("length", 0.002, "m")], 0), " (length 0.00200 m)");
+        assert_eq!(line(&[], 0), "");
+        let catch = terms(&[("pull", 1.0, "N m"), ("reach", 0.1, "rad")], 1);
+        let said = shape_of(&catch, JointKind::Revolute, [0.0, 1.5]);
+        assert_eq!(said, " (pull 1.000 N m, reaching 5.73 deg)");
+    }
 
     #[test]
     fn an_error_that_does_not_fall_confirms_nothing() {

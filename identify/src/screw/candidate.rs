@@ -96,7 +96,7 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
     let (mut bic_revolute, mut bic_prismatic) = position_bic;
     let turn = track
         .has_rotations()
-        .then(|| orientation_criteria(track, &circle, &line));
+        .then(|| orientation_criteria(track, &circle));
     // Positions decide when they can; a tool that turns in the hand must not outvote an arc.
     let decisive = (bic_revolute - bic_prismatic).abs() > 30.0;
     if let Some(turn) = &turn

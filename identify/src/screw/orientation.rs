@@ -25,7 +25,7 @@ impl Turn {
 }
 
 /// How well either joint predicts the tool's rotation, the grasp rotation fitted robustly.
-pub(super) fn orientation_criteria(track: &PoseSamples, circle: &Curve, line: &Curve) -> Turn {
+pub(super) fn orientation_criteria(track: &PoseSamples, circle: &Curve) -> Turn {
     let predicted = angles(&track.positions, &circle.axis);
     let sweep = predicted.iter().copied().fold(f64::NEG_INFINITY, f64::max)
         - predicted.iter().copied().fold(f64::INFINITY, f64::min);
@@ -40,9 +40,8 @@ pub(super) fn orientation_criteria(track: &PoseSamples, circle: &Curve, line: &C
     } else {
         &still
     };
-    let m = independent(&better.clone());
+    let m = independent(better);
     let bic = |series: &[Vec<f64>]| m * robust_rms(series).powi(2).max(1e-12).ln() + 3.0 * m.ln();
-    let _ = line;
     Turn {
         bic_revolute: bic(&turned),
         bic_prismatic: bic(&still),

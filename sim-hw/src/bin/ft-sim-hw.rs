@@ -228,6 +228,14 @@ fn sealed(arguments: &Sealed) -> Outcome {
     if shows_progress {
         eprintln!();
     }
+    let folder = arguments.output.display();
+    let each = match arguments.count {
+        Some(count) => format!("{count} folders below {folder}, in each"),
+        None => format!("{folder}:"),
+    };
+    println!(
+        "wrote {each} main.toml and confirm.toml, for ft-capture --sim, and truth.json, for nobody who is to find it out"
+    );
     Ok(ExitCode::SUCCESS)
 }
 

@@ -76,13 +76,13 @@ struct RecordingArguments {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["recording", "confirm"])]
     batch: Option<PathBuf>,
     /// With --batch: recordings at a time [default: one per processor]
-    #[arg(long, requires = "batch", conflicts_with = "recording", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", requires = "batch", conflicts_with = "recording", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Directory for report.json, report.html and twin.json
-    #[arg(short, long, required = true)]
+    #[arg(short, long, value_name = "DIR", required = true)]
     output: Option<PathBuf>,
     /// A topic of the recording in place of one of ours: /their/topic=/ft/wrench
-    #[arg(long)]
+    #[arg(long, value_name = "THEIRS=OURS")]
     map: Vec<String>,
     #[command(flatten)]
     common: Common,
@@ -92,13 +92,13 @@ struct RecordingArguments {
 struct Common {
     /// Cut-off of the zero-phase filter for effort and regressors, Hz [default: 6, and lower for a motion so slow that the poses' noise hides its
     /// acceleration]
-    #[arg(long, value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     cutoff_hz: Option<f64>,
     /// Another recording (or table) of the same joint, in which every added effect must be too; may be given several times
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     confirm: Vec<PathBuf>,
     /// `paper` puts the paper's own estimator (smoothed differentiation, least squares, network) beside ours in the report
-    #[arg(long, value_enum, default_value_t = Estimator::Matched)]
+    #[arg(long, value_name = "NAME", value_enum, default_value_t = Estimator::Matched)]
     estimator: Estimator,
     /// Replace the files of an earlier run in the output directory
     #[arg(long)]
@@ -130,31 +130,31 @@ struct TableArguments {
     /// CSV file with a header; columns separated by commas, semicolons or tabs
     table: PathBuf,
     /// Column of time, s
-    #[arg(long)]
+    #[arg(long, value_name = "COLUMN")]
     time: String,
     /// Column of the joint coordinate, rad or m
-    #[arg(long)]
+    #[arg(long, value_name = "COLUMN")]
     position: String,
     /// Column of the effort on the joint, N m or N
-    #[arg(long)]
+    #[arg(long, value_name = "COLUMN")]
     effort: String,
     /// What the joint does
     #[arg(long, value_enum)]
     kind: Kind,
     /// Directory for report.json, report.html and twin.json
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Published least-squares recipe instead of ours: low-pass of the position, Hz
-    #[arg(long, requires_all = ["lowpass_order", "decimate"])]
+    #[arg(long, value_name = "HZ", requires_all = ["lowpass_order", "decimate"])]
     lowpass_hz: Option<f64>,
     /// Recipe: Butterworth order of that low-pass in each of its two passes
-    #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u8).range(1..=12))]
+    #[arg(long, value_name = "N", requires = "lowpass_hz", value_parser = clap::value_parser!(u8).range(1..=12))]
     lowpass_order: Option<u8>,
     /// Recipe: keep every so many-th sample
-    #[arg(long, requires = "lowpass_hz", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long, value_name = "N", requires = "lowpass_hz", value_parser = clap::value_parser!(u16).range(1..=1000))]
     decimate: Option<u16>,
     /// Recipe: first sample kept, counted from 1; differences at the very start are off
-    #[arg(long, requires = "lowpass_hz", default_value_t = 0)]
+    #[arg(long, value_name = "N", requires = "lowpass_hz", default_value_t = 0)]
     drop_border: usize,
     /// Recipe: fit a constant load too
     #[arg(long, requires = "lowpass_hz")]
@@ -176,7 +176,7 @@ struct TrackArguments {
     #[arg(required = true)]
     tracks: Vec<PathBuf>,
     /// Directory for joint.json
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Replace joint.json of an earlier run
     #[arg(long)]

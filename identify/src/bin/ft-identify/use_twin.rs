@@ -35,7 +35,7 @@ pub(crate) struct Simulate {
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
     until: Option<String>,
     /// Longest time to simulate, s
-    #[arg(long, default_value = "30", value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = positive)]
     longest: f64,
     /// Instead: what it takes to move it from the lower end of the range to here
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true, conflicts_with_all = ["release", "until", "longest", "output"])]
@@ -48,7 +48,7 @@ pub(crate) struct Simulate {
     #[arg(long, value_name = "N", value_parser = positive, requires = "open", conflicts_with = "release")]
     limit: Option<f64>,
     /// Directory for swing.json and swing.html (plots and an animation)
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Replace the files of an earlier run
     #[arg(long)]
@@ -68,13 +68,19 @@ pub(crate) struct Export {
     /// twin.json
     twin: PathBuf,
     /// Formats
-    #[arg(long, value_enum, required = true, value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "FORMAT",
+        value_enum,
+        required = true,
+        value_delimiter = ','
+    )]
     to: Vec<Format>,
     /// Directory for the files
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Name of the body and of the files: a letter, then letters, digits and _
-    #[arg(long, default_value = "object", value_parser = identifier)]
+    #[arg(long, value_name = "NAME", default_value = "object", value_parser = identifier)]
     name: String,
     /// Replace the files of an earlier export
     #[arg(long)]
