@@ -283,9 +283,14 @@ impl DeviceHealth {
             firmware,
         }) = &self.identity
         {
-            values.push(pair("model", model));
-            values.push(pair("serial_number", serial_number));
-            values.push(pair("firmware", firmware));
+            // Not every device says all of it.
+            let about = [
+                ("model", model),
+                ("serial_number", serial_number),
+                ("firmware", firmware),
+            ];
+            let told = about.into_iter().filter(|(_, value)| !value.is_empty());
+            values.extend(told.map(|(name, value)| pair(name, value)));
         }
         let settings = self.settings.iter();
         values.extend(settings.map(|(key, value)| pair(&format!("settings.{key}"), value)));

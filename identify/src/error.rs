@@ -76,6 +76,16 @@ pub enum IdentifyError {
         /// Most that a joint may leave, m.
         allowed_m: f64,
     },
+    /// What a damaged recording holds before the damage does not do.
+    #[error(
+        "{source} (the file is damaged, and only what came before was used: {damage}; see what there is with `ft-capture check`)"
+    )]
+    Damaged {
+        /// Where and what.
+        damage: String,
+        /// Why that is not enough.
+        source: Box<IdentifyError>,
+    },
     /// Free air was marked, a grasp was not.
     #[error(
         "nothing was held: there is a mark `free_air_begin` and no `grasp`; the recording ended before the object was grasped, or the mark is \

@@ -94,11 +94,13 @@ pub fn identify_confirmed(
     let read = || -> Result<_, IdentifyError> {
         let mut recording = Recording::load(path, map)?;
         progress(Stage::Read);
-        let tool = ToolSamples::from_recording(&recording)?;
+        let tool = ToolSamples::from_recording(&recording)
+            .map_err(|error| beside_damage(&recording, error.into()))?;
         // Hours of samples, all of them in `tool` now.
         recording.wrench = Vec::new();
         recording.pose.samples = Vec::new();
-        let held = Held::of(&recording, &tool, settings, progress)?;
+        let held = Held::of(&recording, &tool, settings, progress)
+            .map_err(|error| beside_damage(&recording, error))?;
         Ok((recording, tool, held))
     };
     let (others, read) = both(|| read_others(confirm, map, settings), read);
@@ -108,6 +110,17 @@ pub fn identify_confirmed(
         return Err(cannot_confirm(&confirm[at], IdentifyError::ConfirmsItself));
     }
     identify_with(&recording, (tool, held), &others, settings, progress)
+}
+
+/// That a recording is damaged, where that may be why.
+fn beside_damage(recording: &Recording, error: IdentifyError) -> IdentifyError {
+    match &recording.health.truncated {
+        Some(damage) => IdentifyError::Damaged {
+            damage: damage.clone(),
+            source: Box::new(error),
+        },
+        None => error,
+    }
 }
 
 fn cannot_confirm(path: &Path, source: IdentifyError) -> IdentifyError {
@@ -128,7 +141,8 @@ fn read_others(
 ) -> Result<Vec<(NamedSamples, String)>, IdentifyError> {
     let read = |path: &PathBuf| -> Result<_, IdentifyError> {
         let recording = Recording::load(path, map)?;
-        let samples = joint_samples(&recording, settings)?;
+        let samples = joint_samples(&recording, settings)
+            .map_err(|error| beside_damage(&recording, error))?;
         Ok(((file_name(path), samples), recording.sha256))
     };
     let each = confirm.iter();

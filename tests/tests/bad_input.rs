@@ -300,6 +300,14 @@ fn a_truncated_recording_is_read_to_its_end_and_recovered() {
     let bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
     std::fs::write(folder.path().join("cut.mcap"), &bytes[..bytes.len() / 2]).unwrap();
     capture(folder.path(), &["check", "cut.mcap"]).expect_code(3);
+    identify(folder.path(), &["cut.mcap", "-o", "out"])
+        .expect_code(1)
+        .complains(&[
+            "cut.mcap: ",
+            "held",
+            "the file is damaged",
+            "ft-capture check",
+        ]);
     capture(folder.path(), &["recover", "cut.mcap"])
         .expect_code(1)
         .complains(&["-o"]);
