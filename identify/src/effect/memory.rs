@@ -4,6 +4,7 @@ use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
 use crate::least_squares::Bound::NonNegative;
 use crate::least_squares::rms;
 use crate::motion::Motion;
+use crate::samples::quantile;
 
 /// `tau = coulomb (z - sgn(dq))`, `dz/dq = (sgn(dq) - z) sgn(dq) / length` (or, `stiff` = 1, a spring that slides at `length`):
 /// friction that builds up over a way after each reversal. No function of q and dq can be this.
@@ -61,8 +62,9 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 }
 
 /// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
-/// changes its sign, not when the motion turns. One regressor, the difference that the play makes with the inertia and
-/// friction found so far; its term should be near 1. The pads behind the play give by `compliance` times the effort.
+/// changes its sign, not when the motion turns. While there is no effort it goes its own way, and the tool meets it with a blow. One
+/// regressor, the difference that the play makes with the inertia and friction found so far; its term should be near 1. The pads behind
+/// the play give by `compliance` times the effort.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
@@ -87,46 +89,63 @@ pub const BACKLASH: Kind = Kind {
     separate: "quick small strokes: the force is zero within the gap, and a firmer grasp does not change it",
 };
 
-/// Share of the usual effort below which the object is taken to be between the sides.
-const BETWEEN: f64 = 0.12;
-
 /// What it makes of the effort that the object lags behind the tool by half of `gap` towards the effort and by `compliance` times it.
 pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
     let motion = scope.motion;
-    let Ok(effort) = motion.smoothed_effort() else {
-        return Vec::new();
-    };
-    let sides = if gap == 0.0 {
-        vec![0.0; effort.len()]
+    let aside = if gap == 0.0 {
+        motion.tau.iter().map(|tau| -compliance * tau).collect()
     } else {
-        sides(motion, effort)
+        between_sides(motion, gap, compliance)
     };
-    let aside: Vec<f64> = effort
-        .iter()
-        .zip(sides)
-        .map(|(tau, side)| -0.5 * gap * side - compliance * tau)
-        .collect();
-    scope.moved_object(&aside)
+    // As smooth as the coordinate, which hides as much of the blow when the sides meet.
+    match motion.smoothed(&aside) {
+        Ok(aside) => scope.moved_object(&aside),
+        Err(_) => Vec::new(),
+    }
 }
 
-/// The side of the play that the effort presses against: 1 or -1, and evenly from one to the other while there is next to none.
-fn sides(motion: &Motion, effort: &[f64]) -> Vec<f64> {
-    let level = BETWEEN * rms(effort);
-    let mut out = vec![0.0; effort.len()];
+/// How far the object is aside of the tool: against a side of the play while it is pressed, and on its own way from there to where it
+/// is pressed next, as fast as it was when it was let go, slowed evenly.
+fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
+    let (level, q) = (PRESSED * noise_of_effort(motion), &motion.q_measured);
+    let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
-        // Where it last pressed, and against which side.
+        // Where it was pressed last, and how far aside.
         let mut last: Option<(usize, f64)> = None;
-        for i in run.clone().filter(|i| effort[*i].abs() > level) {
-            let side = effort[i].signum();
-            let (from, was) = last.unwrap_or((run.start, side));
-            for (k, out) in out[from..=i].iter_mut().enumerate() {
-                *out = was + (side - was) * k as f64 / (i - from).max(1) as f64;
+        for i in run.clone().filter(|i| motion.tau[*i].abs() > level) {
+            let tau = motion.tau[i];
+            let aside = -0.5 * gap * tau.signum() - compliance * tau;
+            if let Some((from, left)) = last {
+                let steps = (i - from) as f64;
+                let speed = motion.dq[from] * motion.period;
+                let slowed = (q[i] + aside - q[from] - left) / steps - speed;
+                for (step, k) in (1..).zip(from + 1..i) {
+                    let step = f64::from(step);
+                    let way = step * (speed + slowed * step / steps);
+                    out[k] = q[from] + left + way - q[k];
+                }
+            } else {
+                out[run.start..i].fill(aside);
             }
-            last = Some((i, side));
+            out[i] = aside;
+            last = Some((i, aside));
         }
-        if let Some((from, side)) = last {
-            out[from..run.end].fill(side);
+        if let Some((from, left)) = last {
+            out[from..run.end].fill(left);
         }
     }
     out
+}
+
+/// The object is pressed where the effort is so many standard deviations of its noise.
+const PRESSED: f64 = 5.0;
+
+/// Standard deviation of the effort's noise by what is faster than the coordinate; blows are few and do not count.
+fn noise_of_effort(motion: &Motion) -> f64 {
+    let Ok(smooth) = motion.smoothed_effort() else {
+        return 0.0;
+    };
+    let fast = motion.tau.iter().zip(smooth);
+    let fast: Vec<f64> = fast.map(|(tau, smooth)| (tau - smooth).abs()).collect();
+    1.4826 * quantile(&fast, 0.5)
 }
