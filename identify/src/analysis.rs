@@ -17,7 +17,7 @@ use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
 use crate::effect::{BiasDrift, Effect, RigidBody};
 use crate::lag::{Lag, USUAL_S};
-use crate::least_squares::rms;
+use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel_on;
@@ -285,9 +285,9 @@ fn aligned(
             diagnosis.model.clone(),
             diagnosis.floor,
         );
-        diagnosis.refit()?;
+        let fitted = still_shown(diagnosis.refit())?;
         // A grasp that gives looks like a lag and is none.
-        if diagnosis.model.held_out_rms > before && lag.value_s.abs() <= USUAL_S {
+        if !fitted || diagnosis.model.held_out_rms > before && lag.value_s.abs() <= USUAL_S {
             (diagnosis.samples, diagnosis.motion) = (samples, motion);
             (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
             lag.applied = false;
@@ -304,8 +304,17 @@ fn aligned(
     }))
 }
 
-/// Leaves out where the joint turns, unless what is named foretells held-out strokes worse then: a grasp that gives turns before the
-/// joint does.
+/// Whether a fit to other samples still shows every named effect apart: one may act where the joint turns and nowhere else.
+fn still_shown(fit: Result<(), DynamicsError>) -> Result<bool, DynamicsError> {
+    match fit {
+        Ok(()) => Ok(true),
+        Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Leaves out where the joint turns, unless what is named foretells held-out strokes worse then, or is not shown any more: a grasp that
+/// gives turns before the joint does.
 fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let slides = diagnosis.motion.leave_out_turns();
     let (effects, model, floor) = (
@@ -313,8 +322,8 @@ fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
         diagnosis.model.clone(),
         diagnosis.floor,
     );
-    diagnosis.refit()?;
-    if diagnosis.model.held_out_rms > model.held_out_rms {
+    let fitted = still_shown(diagnosis.refit())?;
+    if !fitted || diagnosis.model.held_out_rms > model.held_out_rms {
         diagnosis.motion.slides = slides;
         (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
     }

@@ -163,6 +163,13 @@ const MIN_RUN_S: f64 = 1.0;
 const MIN_MOTION_S: f64 = 3.0;
 const MIN_KEPT: usize = 30;
 
+/// Standard deviation of what a smoothed series leaves, by its median.
+fn fast_noise(series: &[f64], smooth: &[f64]) -> f64 {
+    let both = series.iter().zip(smooth);
+    let left: Vec<f64> = both.map(|(value, smooth)| (value - smooth).abs()).collect();
+    1.4826 * quantile(&left, 0.5)
+}
+
 impl Motion {
     /// Prepares `samples`.
     ///
@@ -378,6 +385,17 @@ impl Motion {
             self.smoothing.zero_phase_settled(part)
         })
         .map_err(MotionError::from)
+    }
+
+    /// Standard deviation of the measured coordinate's noise by what is faster than the smoothed one; jerks are few and do not count.
+    pub(crate) fn fast_noise_of_q(&self) -> f64 {
+        fast_noise(&self.q_measured, &self.q)
+    }
+
+    /// As [`Motion::fast_noise_of_q`], of the effort.
+    pub(crate) fn fast_noise_of_tau(&self) -> f64 {
+        let smooth = self.smoothed_effort();
+        smooth.map_or(0.0, |smooth| fast_noise(&self.tau, smooth))
     }
 
     /// The effort as smooth as the coordinate; made once.

@@ -1,5 +1,7 @@
 //! Which candidate is taken, and why others are not.
 
+use core::f64::consts::TAU;
+
 use super::model::{Found, is_load, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
@@ -165,6 +167,9 @@ impl State {
                 ));
             }
         }
+        if let Some(reason) = self.unresolved(entry) {
+            return Some(reason);
+        }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
         }
@@ -253,6 +258,32 @@ impl State {
         }
     }
 }
+
+impl State {
+    /// Whether an effect that acts over a short way after a turn, or at slow speeds, does so below what positions resolve: there it is
+    /// their noise, or an encoder's steps.
+    fn unresolved(&self, entry: &Ranked) -> Option<String> {
+        let noise = || self.ground.motion.fast_noise_of_q();
+        match entry.kind.name {
+            "presliding" if entry.shape[0] < RESOLVED * noise() => Some(format!(
+                "its length of {:.2e} is less than {RESOLVED} times the noise of the positions, {:.2e}",
+                entry.shape[0],
+                noise()
+            )),
+            "stribeck" if entry.shape[0] < RESOLVED * TAU * USUAL_HZ * noise() => Some(format!(
+                "its speed of {:.2e} is less than the noise of the positions, {:.2e}, lets know",
+                entry.shape[0],
+                noise()
+            )),
+            _ => None,
+        }
+    }
+}
+
+/// So many standard deviations of the positions' fast noise are resolved: about a step of an encoder.
+const RESOLVED: f64 = 10.0;
+/// The noise of a speed is that of the positions at this frequency, Hz: the fit's usual cut-off.
+const USUAL_HZ: f64 = 6.0;
 
 fn refusal(entry: &Ranked, seen: &Look, reason: String) -> Refused {
     Refused {

@@ -1,6 +1,6 @@
 //! Dry friction beyond one constant.
 
-use super::library::{Belongs, Kind, Search, Unit, Variable, geometric};
+use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
 use crate::least_squares::Bound::{Free, NonNegative};
 use crate::samples::quantile;
 
@@ -28,8 +28,7 @@ pub const STRIBECK: Kind = Kind {
     shape: &[("speed", Unit::Speed, Search::Factor(1.8))],
     variable: Variable::Dq,
     grid: |scope| {
-        let speeds: Vec<f64> = scope.motion.dq.iter().map(|v| v.abs()).collect();
-        let fast = quantile(&speeds, 0.95).max(1e-9);
+        let fast = usual_speed(scope);
         geometric(0.02 * fast, 0.5 * fast, 7)
             .into_iter()
             .map(|v| vec![v])
@@ -39,6 +38,36 @@ pub const STRIBECK: Kind = Kind {
     at: Some(|shape, _, dq| [sign(dq) / (1.0 + (dq / shape[0]).powi(2)), 0.0]),
     separate: "slow steady strokes at a few speeds below the typical one",
 };
+
+/// The speed below which the joint is for 95 % of the time.
+fn usual_speed(scope: &Scope<'_>) -> f64 {
+    let speeds: Vec<f64> = scope.motion.dq.iter().map(|v| v.abs()).collect();
+    quantile(&speeds, 0.95).max(1e-9)
+}
+
+/// `tau = extra sgn(dq) exp(-(|dq| / speed)^power)`, `extra >= 0`, `power` = 2: the same where nothing is left of it at speed.
+///
+/// # Source
+/// As [`STRIBECK`], which has both.
+pub const STRIBECK_FADING: Kind = Kind {
+    shape: &[
+        ("speed", Unit::Speed, Search::Factor(1.4)),
+        ("power", Unit::One, Search::Fixed),
+    ],
+    grid: |scope| {
+        let fast = usual_speed(scope);
+        // Slower, and it would be nothing but what smoothing does to the turns.
+        let speeds = geometric(0.06 * fast, 0.6 * fast, 6);
+        speeds.into_iter().map(|v| vec![v, 2.0]).collect()
+    },
+    series: |scope, shape| vec![scope.by_state(|_, dq, s| s * fading(shape, dq))],
+    at: Some(|shape, _, dq| [sign(dq) * fading(shape, dq), 0.0]),
+    ..STRIBECK
+};
+
+fn fading(shape: &[f64], dq: f64) -> f64 {
+    (-(dq.abs() / shape[0]).powf(shape[1])).exp()
+}
 
 /// More friction to break away from rest than to slide, by `extra`. While it rests, friction takes up what the hand gives, and fits of
 /// the motion leave that out; it is read off the effort before the joint leaves rest. No regressor.
@@ -79,6 +108,31 @@ pub const POSITION_DEPENDENT: Kind = Kind {
     at: Some(|shape, q, dq| [sign(dq) * grown(shape, q), 0.0]),
     separate: "slow strokes over the whole range, both ways",
 };
+
+/// `tau = growth sgn(dq) exp(-u^2 / 2)`, `u = (q - centre) / width`: a rail that binds at a place, or is worn there.
+pub const AT_A_PLACE: Kind = Kind {
+    shape: &[
+        ("centre", Unit::Position, Search::Way(0.05)),
+        ("width", Unit::Position, Search::Factor(1.6)),
+    ],
+    grid: |scope| {
+        let mut out = Vec::new();
+        for (width, count) in [(0.06, 14), (0.12, 9), (0.25, 6)] {
+            for at in even(0.05, 0.95, count) {
+                out.push(vec![scope.q[0] + at * scope.range(), width * scope.range()]);
+            }
+        }
+        out
+    },
+    series: |scope, shape| vec![scope.by_state(|q, _, s| s * bump(shape, q))],
+    at: Some(|shape, q, dq| [sign(dq) * bump(shape, q), 0.0]),
+    ..POSITION_DEPENDENT
+};
+
+fn bump(shape: &[f64], q: f64) -> f64 {
+    let u = (q - shape[0]) / shape[1];
+    (-0.5 * u * u).exp()
+}
 
 /// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up.
 pub const DRIFT: Kind = Kind {

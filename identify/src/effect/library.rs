@@ -264,7 +264,7 @@ impl<'a> Scope<'a> {
 }
 
 /// All effects, simple ones before those that contain them.
-pub const LIBRARY: [&Kind; 24] = [
+pub const LIBRARY: [&Kind; 26] = [
     &load::CONSTANT_LOAD,
     &load::SPRING,
     &load::STRUT,
@@ -277,8 +277,10 @@ pub const LIBRARY: [&Kind; 24] = [
     &damping::QUADRATIC,
     &friction::ASYMMETRIC,
     &friction::STRIBECK,
+    &friction::STRIBECK_FADING,
     &friction::STICTION,
     &friction::POSITION_DEPENDENT,
+    &friction::AT_A_PLACE,
     &friction::DRIFT,
     &memory::PRESLIDING,
     &memory::BACKLASH,

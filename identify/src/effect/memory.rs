@@ -4,7 +4,6 @@ use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
 use crate::least_squares::Bound::NonNegative;
 use crate::least_squares::rms;
 use crate::motion::Motion;
-use crate::samples::quantile;
 
 /// `tau = coulomb (z - sgn(dq))`, `dz/dq = (sgn(dq) - z) sgn(dq) / length` (or, `stiff` = 1, a spring that slides at `length`):
 /// friction that builds up over a way after each reversal. No function of q and dq can be this.
@@ -16,7 +15,7 @@ pub const PRESLIDING: Kind = Kind {
     belongs: Belongs::Object,
     terms: &[("coulomb", Unit::Effort, NonNegative)],
     shape: &[
-        ("length", Unit::Position, Search::Factor(1.6)),
+        ("length", Unit::Position, Search::Factor(1.35)),
         ("stiff", Unit::One, Search::Form),
     ],
     variable: Variable::SinceReversal,
@@ -107,7 +106,7 @@ pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
 /// How far the object is aside of the tool: against a side of the play while it is pressed, and on its own way from there to where it
 /// is pressed next, as fast as it was when it was let go, slowed evenly.
 fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
-    let (level, q) = (PRESSED * noise_of_effort(motion), &motion.q_measured);
+    let (level, q) = (PRESSED * motion.fast_noise_of_tau(), &motion.q_measured);
     let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
         // Where it was pressed last, and how far aside.
@@ -139,13 +138,3 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
 
 /// The object is pressed where the effort is so many standard deviations of its noise.
 const PRESSED: f64 = 5.0;
-
-/// Standard deviation of the effort's noise by what is faster than the coordinate; blows are few and do not count.
-fn noise_of_effort(motion: &Motion) -> f64 {
-    let Ok(smooth) = motion.smoothed_effort() else {
-        return 0.0;
-    };
-    let fast = motion.tau.iter().zip(smooth);
-    let fast: Vec<f64> = fast.map(|(tau, smooth)| (tau - smooth).abs()).collect();
-    1.4826 * quantile(&fast, 0.5)
-}
