@@ -32,7 +32,7 @@ pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
 pub(super) fn most_of(kind: &Kind) -> usize {
     match kind.name {
         "damping_zone" => 3,
-        "detent" => 2,
+        "detent" | "position_dependent_friction" => 2,
         _ => 1,
     }
 }
