@@ -403,7 +403,10 @@ fn with_mechanism(
             left = true;
         }
     }
-    if !left {
+    if diagnosis.model.held_out_rms * WORSE < model.held_out_rms {
+        // A mechanism that takes up what a named effect is: the effects alone foretell.
+        (model, jointly, left) = (diagnosis.model.clone(), None, false);
+    } else if !left {
         keep_lines_named(&mut model, diagnosis);
     }
     model.withdraw_friction_of_one_way(motion);
@@ -454,6 +457,9 @@ const LEFT_BELOW: f64 = 0.97;
 
 /// Samples at the work rate, 20 min of them, from which on memory counts for more than time.
 const MANY: usize = 120_000;
+
+/// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
+const WORSE: f64 = 1.5;
 
 /// I, mu, b, those of `found` that are `used`, and the mechanism, beside what a force sensor usually drifts; the parameters of the
 /// others are zero.
