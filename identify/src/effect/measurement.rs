@@ -51,7 +51,8 @@ pub const PAYLOAD_SWITCH: Kind = Kind {
     separate: "the same quick strokes before and after",
 };
 
-/// `tau = rise (1 - exp(-t / time))`: the sensor's zero goes away as it warms up.
+/// `tau = start + rise (1 - exp(-t / time)) / (1 - exp(-whole / time))`: the sensor's zero goes away as it warms up, by `rise` over the `whole`
+/// recording.
 pub const SENSOR_DRIFT: Kind = Kind {
     name: "sensor_drift",
     belongs: Belongs::Recording,
@@ -67,10 +68,10 @@ pub const SENSOR_DRIFT: Kind = Kind {
     series: |scope, shape| {
         let start = scope.motion.time.first().copied().unwrap_or(0.0);
         let since = scope.motion.time.iter();
+        let gone = |t: f64| -(-t / shape[0]).exp_m1();
+        let whole = gone(scope.duration()).max(f64::MIN_POSITIVE);
         vec![
-            since
-                .map(|t| 1.0 - (-(t - start) / shape[0]).exp())
-                .collect(),
+            since.map(|t| gone(t - start) / whole).collect(),
             scope.by_state(|_, _, _| 1.0),
         ]
     },
