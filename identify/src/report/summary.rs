@@ -196,7 +196,8 @@ impl Report {
             Verdict::Unexplained => {
                 let share = 100.0 * self.last.unexplained_fraction.unwrap_or(f64::NAN);
                 let beside = match (&self.last.named, &self.mechanism) {
-                    (Some(named), Some(mechanism)) => format!(
+                    // Without any the line of the error has said it.
+                    (Some(named), Some(mechanism)) if !self.effects.is_empty() => format!(
                         "; named effects leave {}, with a mechanism of no name {}",
                         figure(named.held_out_rms),
                         figure(mechanism.held_out_rms)
