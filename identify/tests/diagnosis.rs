@@ -185,6 +185,16 @@ fn cases() -> Vec<(&'static str, Drawer)> {
             Drawer::with(|_, q, dq, _| 3.0 * q / RANGE * dq.signum()),
         ),
         (
+            "position_dependent_friction",
+            Drawer::with(move |_, q, dq, _| {
+                2.5 * (-((q - 0.2) / 0.08).powi(2)).exp() * dq.signum()
+            }),
+        ),
+        (
+            "stribeck",
+            Drawer::with(|_, _, dq: f64, _| 2.0 * dq.signum() * (-(dq / 0.08).powi(2)).exp()),
+        ),
+        (
             "ripple",
             Drawer::with(|_, q, _, _| 0.9 * (2.0 * PI * q / 0.045 + 0.7).cos()),
         ),
@@ -513,5 +523,106 @@ fn a_named_spring_keeps_its_numbers_beside_the_mechanism_and_the_effort_is_the_s
                 "{q} {dq}: {of_model} {truth}"
             );
         }
+    }
+}
+
+/// A drawer behind a play, pushed by a hand: a light handle on stiff pads, and between them the drawer goes its own way.
+fn loose_handle(gap: f64, seconds: f64, seed: u64) -> JointSamples {
+    const STEP: f64 = 1e-4;
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+    let (inertia, coulomb, viscous, handle) = (4.0, 3.0, 5.0, 0.05);
+    let phase = draw();
+    let goes_to = |t: f64| {
+        let slow = 0.9 * t + 0.02 * t * t + 0.5 * (1.1 * t + phase).sin();
+        0.03 + 0.44 * RANGE * (1.0 - slow.cos())
+            + 0.012 * (9.0 * t).sin() * (0.6 * t).sin().max(0.0)
+    };
+    let (mut q, mut dq) = (goes_to(0.0), 0.0_f64);
+    let (mut x, mut dx) = (q, 0.0);
+    let (mut at, mut tau, mut mean) = (Vec::new(), Vec::new(), 0.0);
+    for i in 1..=(seconds / STEP) as usize {
+        let t = i as f64 * STEP;
+        let wanted = (goes_to(t + 1e-5) - goes_to(t - 1e-5)) / 2e-5;
+        let hand = 500.0 * (goes_to(t) - x) + 60.0 * (wanted - dx);
+        let apart: f64 = x - q;
+        let depth = apart.abs() - 0.5 * gap;
+        let contact = if depth > 0.0 {
+            apart.signum() * (4e4 * depth + 60.0 * (dx - dq) * apart.signum()).max(0.0)
+        } else {
+            0.0
+        };
+        dx += STEP * (hand - contact) / handle;
+        x += STEP * dx;
+        // Friction stops it, and turns it round never.
+        let free = dq + STEP * (contact - viscous * dq) / inertia;
+        let most = STEP * coulomb / inertia;
+        dq = free - free.clamp(-most, most);
+        q += STEP * dq;
+        // As a sensor does, the mean since the sample before.
+        mean += contact / 20.0;
+        if i.is_multiple_of(20) {
+            at.push(x + 5e-5 * draw());
+            tau.push(core::mem::take(&mut mean) + 0.08 * draw());
+        }
+    }
+    let n = at.len();
+    JointSamples {
+        kind: JointKind::Prismatic,
+        period: 1.0 / RATE,
+        runs: vec![0..n],
+        time: (0..n).map(|i| i as f64 / RATE).collect(),
+        q: at,
+        tau,
+        noise_of_q: Vec::new(),
+        aside: ft_identify::samples::Aside::default(),
+    }
+}
+
+#[test]
+fn a_play_in_which_the_object_goes_its_own_way_is_named_and_measured() {
+    let gap = 0.004;
+    let found = look(&loose_handle(gap, 45.0, 3));
+    println!("simulated: {}", told(&found));
+    println!(
+        "{:#?}",
+        found
+            .refused
+            .iter()
+            .map(|r| (&r.reason, r.held_out_rms))
+            .collect::<Vec<_>>()
+    );
+    let play = &found.effects[0];
+    assert_eq!(play.found.kind.name, "backlash");
+    assert!(play.held_out_rms[1] < 0.3 * play.held_out_rms[0]);
+    // I, mu, b come first, then its share of the gap.
+    let theta = found.model.theta.as_slice();
+    let size = theta[3] * play.found.shape[0] / gap;
+    assert!((0.8..1.2).contains(&size), "{size} of the gap");
+    let inertia = theta[0];
+    assert!((inertia / 4.0 - 1.0).abs() < 0.05, "inertia {inertia}");
+}
+
+/// An encoder's steps are coarse where the joint turns: what is named for that must neither stop the identification nor be a bristle
+/// shorter than a step.
+#[test]
+fn coarse_positions_are_identified_and_make_no_bristles() {
+    use ft_identify::analysis::analyse;
+
+    let step = 1e-3;
+    for seed in 0..4 {
+        let mut samples = Drawer::plain().record(45.0, 70 + seed);
+        for q in &mut samples.q {
+            *q = (*q / step).round() * step;
+        }
+        let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+        let found = analysis.diagnosis.as_ref().map(told);
+        println!("simulated, seed {seed}: {found:?}");
+        let bristle = analysis.diagnosis.iter().flat_map(|found| &found.effects);
+        for effect in bristle.filter(|effect| effect.found.kind.name == "presliding") {
+            assert!(effect.found.shape[0] > step, "{:?}", effect.found.shape);
+        }
+        let inertia = analysis.full.value("inertia").unwrap();
+        assert!((inertia / 4.0 - 1.0).abs() < 0.05, "inertia {inertia}");
     }
 }

@@ -290,9 +290,21 @@ fn with_every_effect(kind: &str, range: [f64; 2], inertia: f64, size: f64) -> Tw
             true,
         ),
         effect(
+            "stribeck",
+            &[("extra", 0.1 * size)],
+            &[("speed", 0.2), ("power", 2.0)],
+            true,
+        ),
+        effect(
             "position_dependent_friction",
             &[("growth", 0.3 * size)],
             &[("power", 2.0), ("from", low), ("range", way)],
+            true,
+        ),
+        effect(
+            "position_dependent_friction",
+            &[("growth", 0.2 * size)],
+            &[("centre", low + 0.5 * way), ("width", 0.1 * way)],
             true,
         ),
         effect(

@@ -62,8 +62,8 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 
 /// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
 /// changes its sign, not when the motion turns. While there is no effort it goes its own way, and the tool meets it with a blow. One
-/// regressor, the difference that the play makes with the inertia and friction found so far; its term should be near 1. The pads behind
-/// the play give by `compliance` times the effort.
+/// regressor, the difference that the play makes with the inertia and friction found so far; its term should be near 1, and the play is
+/// as large as `share` times `gap`. The pads behind the play give by `compliance` times the effort.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
@@ -107,13 +107,26 @@ pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
 /// is pressed next, as fast as it was when it was let go, slowed evenly.
 fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
     let (level, q) = (PRESSED * motion.fast_noise_of_tau(), &motion.q_measured);
+    let shortest = (SHORTEST_S / motion.period).ceil() as usize;
+    let side = |tau: f64| {
+        if tau.abs() > level { tau.signum() } else { 0.0 }
+    };
     let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
         // Where it was pressed last, and how far aside.
         let mut last: Option<(usize, f64)> = None;
-        for i in run.clone().filter(|i| motion.tau[*i].abs() > level) {
-            let tau = motion.tau[i];
-            let aside = -0.5 * gap * tau.signum() - compliance * tau;
+        let mut begin = run.start;
+        for stretch in motion.tau[run.clone()].chunk_by(|a, b| side(*a) == side(*b)) {
+            let pressed = begin..begin + stretch.len();
+            begin = pressed.end;
+            let side = side(stretch[0]);
+            if side == 0.0 || stretch.len() < shortest {
+                continue;
+            }
+            for i in pressed.clone() {
+                out[i] = -0.5 * gap * side - compliance * motion.tau[i];
+            }
+            let (i, aside) = (pressed.start, out[pressed.start]);
             if let Some((from, left)) = last {
                 let steps = (i - from) as f64;
                 let speed = motion.dq[from] * motion.period;
@@ -126,8 +139,7 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
             } else {
                 out[run.start..i].fill(aside);
             }
-            out[i] = aside;
-            last = Some((i, aside));
+            last = Some((pressed.end - 1, out[pressed.end - 1]));
         }
         if let Some((from, left)) = last {
             out[from..run.end].fill(left);
@@ -136,5 +148,7 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
     out
 }
 
-/// The object is pressed where the effort is so many standard deviations of its noise.
+/// The object is pressed where the effort is so many standard deviations of its noise,
 const PRESSED: f64 = 5.0;
+/// for so long at least, s: before and after a blow the effort rings in the filter that takes it to the work rate.
+const SHORTEST_S: f64 = 0.015;

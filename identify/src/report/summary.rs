@@ -244,7 +244,10 @@ fn shape_of(terms: &[Term], kind: JointKind, range: [f64; 2]) -> String {
             vec![format!("{} {unit}", figure(a.hypot(*b)))]
         }
         some => {
+            // Of a play and a grasp that gives the share that the fit asks for.
+            let share = value("share").unwrap_or(1.0);
             let searched = sizes(false).take(usize::from(some.is_empty()));
+            let searched = searched.map(|(name, value, unit)| (name, share * value, unit));
             some.iter()
                 .copied()
                 .chain(searched)
@@ -357,6 +360,8 @@ mod tests {
         let said = " (damping 7.000 N s/m, 0.350 to 0.400 m, as q falls)";
         assert_eq!(line(&zone, 1), said);
         assert_eq!(line(&[("length", 0.002, "m")], 0), " (length 0.00200 m)");
+        let play = [("share", 0.9, "1"), ("gap", 0.002, "m")];
+        assert_eq!(line(&play, 1), " (gap 0.00180 m)");
         assert_eq!(line(&[], 0), "");
         let catch = terms(&[("pull", 1.0, "N m"), ("reach", 0.1, "rad")], 1);
         let said = shape_of(&catch, JointKind::Revolute, [0.0, 1.5]);
