@@ -10,7 +10,8 @@ use crate::diagnose::{
     diagnose_without, evidence, floor_of,
 };
 use crate::dynamics::{
-    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, structure,
+    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
+    structure,
 };
 use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
@@ -285,7 +286,7 @@ fn aligned(
             diagnosis.model.clone(),
             diagnosis.floor,
         );
-        let fitted = still_shown(diagnosis.refit())?;
+        let fitted = still_shown(diagnosis.refit())?.is_some();
         // A grasp that gives looks like a lag and is none.
         if !fitted || diagnosis.model.held_out_rms > before && lag.value_s.abs() <= USUAL_S {
             (diagnosis.samples, diagnosis.motion) = (samples, motion);
@@ -304,11 +305,11 @@ fn aligned(
     }))
 }
 
-/// Whether a fit to other samples still shows every named effect apart: one may act where the joint turns and nowhere else.
-fn still_shown(fit: Result<(), DynamicsError>) -> Result<bool, DynamicsError> {
+/// A fit to other samples, if it still shows every named effect apart: one may act where the joint turns and nowhere else.
+fn still_shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
     match fit {
-        Ok(()) => Ok(true),
-        Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(false),
+        Ok(fit) => Ok(Some(fit)),
+        Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(None),
         Err(error) => Err(error),
     }
 }
@@ -322,7 +323,7 @@ fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
         diagnosis.model.clone(),
         diagnosis.floor,
     );
-    let fitted = still_shown(diagnosis.refit())?;
+    let fitted = still_shown(diagnosis.refit())?.is_some();
     if !fitted || diagnosis.model.held_out_rms > model.held_out_rms {
         diagnosis.motion.slides = slides;
         (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
@@ -403,9 +404,13 @@ fn with_mechanism(
             left = true;
         }
     }
-    if diagnosis.model.held_out_rms * WORSE < model.held_out_rms {
-        // A mechanism that takes up what a named effect is: the effects alone foretell.
-        (model, jointly, left) = (diagnosis.model.clone(), None, false);
+    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
+    effects.extend(found.iter().map(|found| found as &dyn Effect));
+    let alone = still_shown(fit_parametric(motion, &effects))?;
+    if let Some(alone) = alone.filter(|alone| ALONE_ABOVE * alone.held_out_rms < model.held_out_rms)
+    {
+        // A mechanism that takes up what a named effect is: the effects alone foretell. What the full model does not know stays unknown.
+        (model, jointly, left) = (known_to_both(alone, &model), None, false);
     } else if !left {
         keep_lines_named(&mut model, diagnosis);
     }
@@ -459,7 +464,24 @@ const LEFT_BELOW: f64 = 0.97;
 const MANY: usize = 120_000;
 
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
-const WORSE: f64 = 1.5;
+const ALONE_ABOVE: f64 = 1.5;
+
+/// `model` as uncertain in inertia and friction as either says, and without what `full` has not.
+fn known_to_both(mut model: EffortModel, full: &EffortModel) -> EffortModel {
+    for (j, (term, other)) in model.terms.iter_mut().zip(&full.terms).take(3).enumerate() {
+        let widest = model.covariance[(j, j)].max(full.covariance[(j, j)]);
+        model.covariance[(j, j)] = widest;
+        term.std = term.std.map(|_| widest.max(0.0).sqrt());
+        if other.value.is_none() {
+            (term.value, term.std) = (None, None);
+            let reason = full.not_identified.get(&term.name).cloned();
+            model
+                .not_identified
+                .extend(reason.map(|reason| (term.name.clone(), reason)));
+        }
+    }
+    model
+}
 
 /// I, mu, b, those of `found` that are `used`, and the mechanism, beside what a force sensor usually drifts; the parameters of the
 /// others are zero.

@@ -47,7 +47,7 @@ const MIN_STROKES: usize = 4;
 
 /// How often the noise is estimated anew.
 const MOST_ESTIMATES: usize = 6;
-/// Gauss-Newton steps.
+/// Gauss-Newton steps at most, those included that failed.
 const MOST_STEPS: usize = 24;
 
 /// A refined joint.
@@ -120,6 +120,8 @@ fn refined(
     let (mut last, mut cost) = (None, f64::INFINITY);
     // Noise and geometry follow each other until the noise settles, then the geometry goes on alone.
     let (mut settled, mut estimates) = (false, 0);
+    // Where the elimination is beyond the arithmetic the matrix is better conditioned with more white noise.
+    let mut whiter = 1.0;
     for _ in 0..MOST_STEPS {
         if !settled {
             let before = noise;
@@ -130,6 +132,7 @@ fn refined(
                     .across(track, uses_rotations)
                     .map(|series| Wander::none(&series))
             };
+            noise.iter_mut().for_each(|noise| noise.white *= whiter);
             let same = |(now, before): (&Wander, &Wander)| now.is_near(before);
             estimates += 1;
             settled = estimates == MOST_ESTIMATES || noise.iter().zip(&before).all(same);
@@ -139,9 +142,8 @@ fn refined(
         let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
         cost = linear.cost;
         let Some(step) = linear.solve() else {
-            // Beyond the arithmetic: with more white noise the matrix is better conditioned.
             noise.iter_mut().for_each(|noise| noise.white *= 3.0);
-            (settled, cost) = (true, f64::INFINITY);
+            (whiter, cost) = (3.0 * whiter, f64::INFINITY);
             continue;
         };
         let small = state.apply(track, &step);
@@ -240,7 +242,7 @@ impl State {
         [track.positions[i] - motion * self.p0, rotation]
     }
 
-    /// Residual components that no joint motion can explain: two of the position, two or three of the rotation.
+    /// Residual components that no joint motion can explain: two of the position, two of the rotation.
     fn across(&self, track: &PoseSamples, uses_rotations: bool) -> [Vec<Vec<f64>>; 2] {
         let count = track.positions.len();
         let (first, second) = perpendiculars(&self.axis.direction);

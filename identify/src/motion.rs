@@ -163,10 +163,14 @@ const MIN_RUN_S: f64 = 1.0;
 const MIN_MOTION_S: f64 = 3.0;
 const MIN_KEPT: usize = 30;
 
-/// Standard deviation of what a smoothed series leaves, by its median.
-fn fast_noise(series: &[f64], smooth: &[f64]) -> f64 {
-    let both = series.iter().zip(smooth);
-    let left: Vec<f64> = both.map(|(value, smooth)| (value - smooth).abs()).collect();
+/// Standard deviation of what a smoothed series leaves, by its median over the samples that count; over all where none does.
+fn fast_noise(series: &[f64], smooth: &[f64], counts: &[bool]) -> f64 {
+    let all = counts.iter().all(|counts| !counts);
+    let both = series.iter().zip(smooth).zip(counts);
+    let left: Vec<f64> = both
+        .filter(|(_, counts)| **counts || all)
+        .map(|((value, smooth), _)| (value - smooth).abs())
+        .collect();
     1.4826 * quantile(&left, 0.5)
 }
 
@@ -387,15 +391,16 @@ impl Motion {
         .map_err(MotionError::from)
     }
 
-    /// Standard deviation of the measured coordinate's noise by what is faster than the smoothed one; jerks are few and do not count.
+    /// Standard deviation of the measured coordinate's noise while it slides, by what is faster than the smoothed one; jerks are few and do
+    /// not count.
     pub(crate) fn fast_noise_of_q(&self) -> f64 {
-        fast_noise(&self.q_measured, &self.q)
+        fast_noise(&self.q_measured, &self.q, &self.slides)
     }
 
     /// As [`Motion::fast_noise_of_q`], of the effort.
     pub(crate) fn fast_noise_of_tau(&self) -> f64 {
         let smooth = self.smoothed_effort();
-        smooth.map_or(0.0, |smooth| fast_noise(&self.tau, smooth))
+        smooth.map_or(0.0, |smooth| fast_noise(&self.tau, smooth, &self.slides))
     }
 
     /// The effort as smooth as the coordinate; made once.

@@ -218,6 +218,7 @@ fn cases() -> Vec<(&'static str, Drawer)> {
 #[test]
 fn each_effect_is_named_first_or_among_its_look_alikes() {
     let (mut first, mut alone, mut missed) = (0, 0, Vec::new());
+    let mut at_a_place = 0;
     let cases = cases();
     let count = cases.len();
     for (index, (name, drawer)) in cases.into_iter().enumerate() {
@@ -230,12 +231,27 @@ fn each_effect_is_named_first_or_among_its_look_alikes() {
             right && found.effects.len() == 1 && found.effects[0].ambiguous_with.is_empty(),
         );
         println!("{name}: {}", told(&found));
+        let form = top.map_or(&[][..], |e| e.found.shape.as_slice());
+        match (name, form) {
+            ("stribeck", [speed, _]) => assert!((speed / 0.08 - 1.0).abs() < 0.3, "{speed} m/s"),
+            ("stribeck", form) => panic!("it fades: {form:?}"),
+            ("position_dependent_friction", [centre, width]) => {
+                assert!((centre - 0.2).abs() < 0.02, "at {centre} m");
+                assert!(
+                    (width - 0.08 / 2.0_f64.sqrt()).abs() < 0.02,
+                    "{width} m wide"
+                );
+                at_a_place += 1;
+            }
+            _ => {}
+        }
         if !right && !alike {
             missed.push(name);
         }
     }
     println!("simulated: first {first} of {count}, alone {alone}, missed {missed:?}");
     assert!(missed.is_empty(), "missed {missed:?}");
+    assert_eq!(at_a_place, 1, "friction at a place");
     assert!(first + 2 >= count, "first in {first} of {count} only");
 }
 
@@ -584,14 +600,6 @@ fn a_play_in_which_the_object_goes_its_own_way_is_named_and_measured() {
     let gap = 0.004;
     let found = look(&loose_handle(gap, 45.0, 3));
     println!("simulated: {}", told(&found));
-    println!(
-        "{:#?}",
-        found
-            .refused
-            .iter()
-            .map(|r| (&r.reason, r.held_out_rms))
-            .collect::<Vec<_>>()
-    );
     let play = &found.effects[0];
     assert_eq!(play.found.kind.name, "backlash");
     assert!(play.held_out_rms[1] < 0.3 * play.held_out_rms[0]);

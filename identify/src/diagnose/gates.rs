@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 use super::model::{Found, is_load, is_smooth_load};
 use super::scan::{Look, Ranked};
 use super::search::{Refused, State};
+use crate::effect::friction::AT_A_PLACE;
 use crate::effect::library::{Belongs, Kind};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::least_squares::rms;
@@ -32,7 +33,9 @@ pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
 pub(super) fn most_of(kind: &Kind) -> usize {
     match kind.name {
         "damping_zone" => 3,
-        "detent" | "position_dependent_friction" => 2,
+        "detent" => 2,
+        // It binds at one place and is worn at another, but grows from the closed end once.
+        _ if kind.is(&AT_A_PLACE) => 2,
         _ => 1,
     }
 }
@@ -167,7 +170,7 @@ impl State {
                 ));
             }
         }
-        if let Some(reason) = self.unresolved(entry) {
+        if let Some(reason) = self.unresolved(entry.kind, &entry.shape) {
             return Some(reason);
         }
         if self.given_up.contains(&entry.kind.name) {
@@ -260,27 +263,25 @@ impl State {
 }
 
 impl State {
-    /// Whether an effect that acts over a short way after a turn, or at slow speeds, does so below what positions resolve: there it is
+    /// Why, where an effect that acts over a short way after a turn, or at slow speeds, does so below what positions resolve: there it is
     /// their noise, or an encoder's steps.
-    fn unresolved(&self, entry: &Ranked) -> Option<String> {
-        let noise = || self.ground.motion.fast_noise_of_q();
-        match entry.kind.name {
-            "presliding" if entry.shape[0] < RESOLVED * noise() => Some(format!(
-                "its length of {:.2e} is less than {RESOLVED} times the noise of the positions, {:.2e}",
-                entry.shape[0],
-                noise()
-            )),
-            "stribeck" if entry.shape[0] < RESOLVED * TAU * USUAL_HZ * noise() => Some(format!(
-                "its speed of {:.2e} is less than the noise of the positions, {:.2e}, lets know",
-                entry.shape[0],
-                noise()
-            )),
-            _ => None,
-        }
+    pub(super) fn unresolved(&self, kind: &Kind, shape: &[f64]) -> Option<String> {
+        let (what, limit) = match kind.name {
+            "presliding" => ("length", RESOLVED),
+            "stribeck" => ("speed", RESOLVED * TAU * USUAL_HZ),
+            _ => return None,
+        };
+        let limit = limit * self.ground.motion.fast_noise_of_q();
+        (shape[0] < limit).then(|| {
+            format!(
+                "its {what} of {:.2e} is less than the {limit:.2e} that the positions' noise lets know",
+                shape[0]
+            )
+        })
     }
 }
 
-/// So many standard deviations of the positions' fast noise are resolved: about a step of an encoder.
+/// So many standard deviations of the positions' fast noise are resolved: two or three steps of an encoder.
 const RESOLVED: f64 = 10.0;
 /// The noise of a speed is that of the positions at this frequency, Hz: the fit's usual cut-off.
 const USUAL_HZ: f64 = 6.0;

@@ -59,7 +59,7 @@ pub(super) fn look(
             *best = best.max(score);
         }
         let Some(own) = own else { continue };
-        match ranked.iter_mut().find(|old| old.kind.name == own.kind.name) {
+        match ranked.iter_mut().find(|old| old.kind.is(own.kind)) {
             Some(old) if own.score > old.score => *old = own,
             Some(_) => {}
             None => ranked.push(own),

@@ -239,6 +239,7 @@ impl State {
                 name != "time_lag"
                     && !entry.kind.is(here)
                     && there.count() < most_of(entry.kind)
+                    && self.unresolved(entry.kind, &entry.shape).is_none()
                     && entry.mse < 0.93 * own
             });
             if let Some(better) = better {

@@ -111,6 +111,8 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
     let side = |tau: f64| {
         if tau.abs() > level { tau.signum() } else { 0.0 }
     };
+    // Without an effort it is nowhere but in the play.
+    let most = 0.5 * gap + compliance * level;
     let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
         // Where it was pressed last, and how far aside.
@@ -134,7 +136,7 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
                 for (step, k) in (1..).zip(from + 1..i) {
                     let step = f64::from(step);
                     let way = step * (speed + slowed * step / steps);
-                    out[k] = q[from] + left + way - q[k];
+                    out[k] = (q[from] + left + way - q[k]).clamp(-most, most);
                 }
             } else {
                 out[run.start..i].fill(aside);

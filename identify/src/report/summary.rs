@@ -264,7 +264,7 @@ fn shape_of(terms: &[Term], kind: JointKind, range: [f64; 2]) -> String {
             JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
         });
     }
-    // Of a notch, a magnet, and a wave.
+    // Of a notch or friction at a place, a magnet, and a wave.
     for (name, word) in [("centre", "at"), ("reach", "reaching"), ("pitch", "every")] {
         if let Some(length) = value(name) {
             said.push(match kind {

@@ -230,6 +230,7 @@ fn sealed(arguments: &Sealed) -> Outcome {
     }
     let folder = arguments.output.display();
     let each = match arguments.count {
+        Some(1) => format!("one folder below {folder}, in it"),
         Some(count) => format!("{count} folders below {folder}, in each"),
         None => format!("{folder}:"),
     };
