@@ -34,7 +34,7 @@ pub(super) fn most_of(kind: &Kind) -> usize {
     match kind.name {
         "damping_zone" => 3,
         "detent" => 2,
-        // It binds at one place and is worn at another, but grows from the closed end once.
+        // It may bind at two places, but grows from the closed end once.
         _ if kind.is(&AT_A_PLACE) => 2,
         _ => 1,
     }

@@ -109,8 +109,9 @@ pub const POSITION_DEPENDENT: Kind = Kind {
     separate: "slow strokes over the whole range, both ways",
 };
 
-/// `tau = growth sgn(dq) exp(-u^2 / 2)`, `u = (q - centre) / width`: a rail that binds at a place, or is worn there.
+/// `tau = growth sgn(dq) exp(-u^2 / 2)`, `u = (q - centre) / width`, `growth >= 0`: a rail that binds at a place.
 pub const AT_A_PLACE: Kind = Kind {
+    terms: &[("growth", Unit::Effort, NonNegative)],
     shape: &[
         ("centre", Unit::Position, Search::Way(0.05)),
         ("width", Unit::Position, Search::Factor(1.6)),
