@@ -118,6 +118,10 @@ pub const AT_A_PLACE: Kind = Kind {
     ],
     grid: |scope| {
         let mut out = Vec::new();
+        // One way it is a load at a place.
+        if scope.motion.goes_one_way() {
+            return out;
+        }
         for (width, count) in [(0.06, 14), (0.12, 9), (0.25, 6)] {
             for at in even(0.05, 0.95, count) {
                 out.push(vec![scope.q[0] + at * scope.range(), width * scope.range()]);
