@@ -170,6 +170,12 @@ impl State {
                 ));
             }
         }
+        let damps = |found: &Found| found.kind.name == "damping_zone";
+        if entry.kind.is(&AT_A_PLACE) && self.effects.iter().any(|(found, _)| damps(found)) {
+            return Some(
+                "a damper's edge that is not yet as it should be looks like it".to_owned(),
+            );
+        }
         if let Some(reason) = self.unresolved(entry.kind, &entry.shape) {
             return Some(reason);
         }
