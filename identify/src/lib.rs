@@ -34,6 +34,7 @@ mod parallel;
 pub mod payload;
 pub mod pipeline;
 mod products;
+mod random;
 pub mod report;
 pub mod samples;
 pub mod saturation;

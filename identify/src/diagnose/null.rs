@@ -11,6 +11,7 @@ use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel;
+use crate::random::Random;
 use crate::samples::JointSamples;
 
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
@@ -77,7 +78,7 @@ fn error_of(
     seed: u64,
 ) -> Result<Vec<f64>, MotionError> {
     let motion = &ground.motion;
-    let mut random = Random::new(seed);
+    let mut random = Random::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B);
     let white: Vec<f64> = (0..raw.len()).map(|_| random.normal()).collect();
     let level = floor.wrench_rms / rms(&motion.regressor(&white)?).max(1e-12);
     let noise = position_noise(motion, theta, (floor, series), &mut random)?;
@@ -162,31 +163,4 @@ fn position_noise(
 fn mirrored(at: usize, count: usize) -> usize {
     let at = at % (2 * count);
     at.min(2 * count - 1 - at)
-}
-
-/// SplitMix64 with normal deviates (Box and Muller); the seed gives the sequence.
-pub(super) struct Random(u64);
-
-impl Random {
-    pub(super) fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B)
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// In 0..1.
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let (u, v) = (1.0 - self.unit(), self.unit());
-        (-2.0 * u.ln()).sqrt() * (core::f64::consts::TAU * v).cos()
-    }
 }

@@ -6,12 +6,11 @@
 
 mod loss;
 mod net;
-mod random;
 
 use crate::mechanism::Mechanism;
+use crate::random::Random;
 use loss::{Loss, Pair, softplus};
 use net::{Net, Pass};
-use random::Random;
 
 /// How the network is trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,10 +102,10 @@ impl Scale {
 #[must_use]
 pub fn train(states: &[[f64; 2]], tau: &[f64], training: &Training) -> MlpMechanism {
     let scale = Scale::of(states, tau);
-    let mut random = Random(training.seed);
+    let mut random = Random::new(training.seed);
     let mut order: Vec<usize> = (0..states.len()).collect();
     for i in (1..order.len()).rev() {
-        order.swap(i, (random.uniform() * (i + 1) as f64) as usize % (i + 1));
+        order.swap(i, (random.unit() * (i + 1) as f64) as usize % (i + 1));
     }
     let (held, fitted) = order.split_at((training.validation * states.len() as f64) as usize);
     let units = training.units;

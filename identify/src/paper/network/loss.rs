@@ -204,7 +204,7 @@ mod tests {
     fn the_gradient_is_that_of_the_error() {
         let (states, tau) = closer();
         let scale = Scale::of(&states, &tau);
-        let mut random = Random(3);
+        let mut random = Random::new(3);
         let pair = Pair {
             load: Net::new([1, 5, 5, 1], &mut random),
             damping: Net::new([2, 5, 5, 2], &mut random),

@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use pulp::{Arch, NullaryFnOnce};
 
-use super::random::Random;
+use crate::random::Random;
 
 /// Samples that are taken through a net at once: few enough that all layers stay in the second cache.
 pub(super) const BLOCK: usize = 256;
@@ -23,7 +23,7 @@ impl Net {
         for k in 0..3 {
             let bound = 1.0 / (sizes[k] as f64).sqrt();
             let count = sizes[k + 1] * (sizes[k] + 1);
-            values.extend((0..count).map(|_| ((2.0 * random.uniform() - 1.0) * bound) as f32));
+            values.extend((0..count).map(|_| ((2.0 * random.unit() - 1.0) * bound) as f32));
         }
         Self { sizes, values }
     }
