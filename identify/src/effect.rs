@@ -48,18 +48,14 @@ pub trait Effect: core::fmt::Debug + Sync {
 pub struct RigidBody;
 
 impl RigidBody {
-    /// Its columns before the filter, with zeros where the joint rests.
+    /// Its columns before the filter, sliding.
     pub(crate) fn sliding(motion: &Motion) -> [Vec<f64>; 3] {
         let measured = &motion.q_measured;
         let (dq, ddq) = (
             motion.derivative(measured),
             motion.second_derivative(measured),
         );
-        [
-            motion.sliding_derivative(&ddq, &motion.ddq),
-            motion.sliding(&motion.sign),
-            motion.sliding_derivative(&dq, &motion.dq),
-        ]
+        [&ddq, &motion.sign, &dq].map(|series| motion.sliding(series))
     }
 }
 

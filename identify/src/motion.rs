@@ -5,8 +5,8 @@
 //! - nonlinear ones are evaluated on the motion smoothed at twice the cut-off and then go through `F` too
 //!   ([`Motion::regressor`]), also `sgn(dq)`.
 //!
-//! Where the joint rests, friction takes up whatever the hand gives: there all of these count as zero before the filter, so that no
-//! effort at rest is spread over the samples nearby ([`Motion::slides`]).
+//! Where the joint rests, friction takes up whatever the hand gives: there, before the filter, all of these count without what the
+//! smoothing leaves of them, so that no effort at rest is spread over the samples nearby ([`Motion::sliding`]).
 //!
 //! Samples for the fit are then taken at about four times the cut-off and gated by name.
 
@@ -134,7 +134,7 @@ pub struct Motion {
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
     /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
-    /// say how much: there regressors and efforts count as zero before the filter.
+    /// say how much, see [`Motion::sliding`].
     pub slides: Vec<bool>,
     /// When the tool slid on the handle.
     pub slips: Vec<Slip>,
@@ -147,6 +147,8 @@ pub struct Motion {
     smoothing: LowPass,
     filter: LowPass,
     kernel: kernel::Kernel,
+    /// `smoothing` as weights.
+    smoother: kernel::Kernel,
     smoothed_tau: OnceLock<Vec<f64>>,
 }
 
@@ -260,8 +262,8 @@ impl Motion {
                 unit: samples.kind.position_unit(),
             });
         }
-        let smooth_filter =
-            LowPass::butterworth(4, (2.0 * cutoff).min(0.4 * work_rate), work_rate)?;
+        let smooth_hz = (2.0 * cutoff).min(0.4 * work_rate);
+        let smooth_filter = LowPass::butterworth(4, smooth_hz, work_rate)?;
         let q = by_run(&work.runs, &work.q, |part| {
             smooth_filter.zero_phase_settled(part)
         })?;
@@ -293,6 +295,7 @@ impl Motion {
             gated: BTreeMap::new(),
             slow_speed: 0.0,
             kernel: kernel::Kernel::of(&filter, cutoff, work_rate)?,
+            smoother: kernel::Kernel::of(&smooth_filter, smooth_hz, work_rate)?,
             smoothing: smooth_filter,
             filter,
             smoothed_tau: OnceLock::new(),
@@ -418,7 +421,7 @@ impl Motion {
         self.kept.iter().map(|&i| series[i]).collect()
     }
 
-    /// A regressor: a series at the work rate, zero where the joint rests, filtered like the effort, at the samples that fits use.
+    /// A regressor: a series at the work rate, [sliding](Motion::sliding), filtered like the effort, at the samples that fits use.
     ///
     /// # Errors
     /// As [`Motion::filtered`].
@@ -426,31 +429,18 @@ impl Motion {
         self.regressor_of_all(&self.sliding(series))
     }
 
-    /// A series with zeros where the joint rests: what [`Motion::regressor`] filters.
-    pub(crate) fn sliding(&self, series: &[f64]) -> Vec<f64> {
-        let all = series.iter().zip(&self.slides);
-        all.map(|(value, slides)| if *slides { *value } else { 0.0 })
-            .collect()
-    }
-
-    /// A regressor from derivatives of what was measured, which are filtered whole: cut off before the filter their noise, most of it
-    /// above the cut-off, would come through. What `smooth` derivatives have of it where the joint rests is taken off.
+    /// A series without what the smoothing leaves of it where the joint rests: what [`Motion::regressor`] filters.
     ///
-    /// # Errors
-    /// As [`Motion::filtered`].
-    pub fn regressor_of_derivative(
-        &self,
-        measured: &[f64],
-        smooth: &[f64],
-    ) -> Result<Vec<f64>, MotionError> {
-        self.regressor_of_all(&self.sliding_derivative(measured, smooth))
-    }
-
-    /// What [`Motion::regressor_of_derivative`] filters.
-    pub(crate) fn sliding_derivative(&self, measured: &[f64], smooth: &[f64]) -> Vec<f64> {
-        let rests = smooth.iter().zip(&self.slides);
-        let rests = rests.map(|(value, slides)| if *slides { 0.0 } else { *value });
-        measured.iter().zip(rests).map(|(m, r)| m - r).collect()
+    /// Taken off whole there, a series would bring its noise, most of it above the cut-off, through the filter at the edges of the
+    /// rest; and were some series taken off whole and others smoothed, the edges would differ by what a rest's begin and end jump by.
+    /// # Panics
+    /// When the length differs from the motion's.
+    #[must_use]
+    pub fn sliding(&self, series: &[f64]) -> Vec<f64> {
+        let mut out = series.to_vec();
+        self.smoother
+            .take_off(&self.runs, &self.slides, series, &mut out);
+        out
     }
 
     /// As [`Motion::regressor`], with what it has where the joint rests.
@@ -473,7 +463,7 @@ impl Motion {
         entries.filtered(
             &self.kernel,
             &self.runs,
-            (&self.kept, &self.slides),
+            (&self.kept, &self.slides, &self.smoother),
             columns,
         )
     }

@@ -1,14 +1,16 @@
 //! What a complete model would leave: the sensors' noise through the pipeline's filters.
 //!
-//! - Wrench: the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried through
-//!   the filter.
+//! - Wrench: away from turns, the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried
+//!   through the filter.
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
-//!   derivatives and the same filter and are weighed with the inertia, the tool's own among it, all damping where it is, and
-//!   the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), the position's own
-//!   content in the upper half of its band, taken as white; at low sample rates that is motion, too, so that
+//!   derivatives, the same rests and the same filter and are weighed with the inertia, the tool's own among it, all damping where it
+//!   is, and the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), white noise does so,
+//!   as large as the position's own content in the upper half of its band; at low sample rates that is motion, too, so that
 //!   [`crate::samples::Aside::floor_at_most`] may bound the floor.
 //!
 //! Not covered: slow drift of the force sensor, anything that both streams share, and what processing adds (signs near reversals, smoothing twice).
+
+use core::ops::Range;
 
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
@@ -17,6 +19,7 @@ use crate::filter::{LowPass, second_derivative};
 use crate::least_squares::rms;
 use crate::mechanism::{Mechanism as _, SplineMechanism};
 use crate::motion::{Motion, MotionError, Slip};
+use crate::random::Random;
 use crate::samples::{JointSamples, extrema, quantile};
 use crate::screw::JointKind;
 use nalgebra::{SMatrix, SVector};
@@ -91,10 +94,10 @@ pub fn floor(
     model: &EffortModel,
     mut slopes: Slopes,
 ) -> Result<NoiseFloor, MotionError> {
-    let white = |std: f64, weight: &dyn Fn(f64) -> f64| {
-        std * (2.0 * samples.period * band_integral(motion, weight)).sqrt()
-    };
-    let wrench_rms = white(white_noise(samples, &samples.tau, 30.0)?, &|_| 1.0);
+    // Friction that turns jumps, and a jump is in every band.
+    let even = Stretches::away_from(samples, &turns(motion));
+    let band = mean_over_band(1.0 / motion.period, |hz| motion.power_gain(hz)) / motion.period;
+    let wrench_rms = even.white_noise(&samples.tau, 30.0)? * (samples.period * band).sqrt();
     let theta = |name: &str| {
         model
             .terms
@@ -108,33 +111,28 @@ pub fn floor(
     if let Some(mechanism) = &model.mechanism {
         slopes.add_mechanism(motion, mechanism);
     }
-    let position_rms = if motion.noise_of_q.is_empty() {
-        let usual = |slopes: &[f64]| {
-            let sizes: Vec<f64> = slopes.iter().map(|s| s.abs()).collect();
-            quantile(&sizes, 0.5)
-        };
-        let (load, damping) = (usual(&slopes.load), viscous + usual(&slopes.damping));
-        let q_white = white_noise(samples, &samples.q, 0.25 * samples.rate_hz())?;
-        let through = |hz: f64| {
-            let w = core::f64::consts::TAU * hz;
-            (inertia * w * w - load).powi(2) + (damping * w).powi(2)
-        };
-        white(q_white, &through)
+    let white;
+    let noise = if motion.noise_of_q.is_empty() {
+        let all = Stretches::away_from(samples, &[]);
+        let std = all.white_noise(&samples.q, 0.25 * samples.rate_hz())?;
+        white = white_series(motion, std * (samples.period / motion.period).sqrt());
+        &white
     } else {
-        let mut squares = 0.0;
-        for series in &motion.noise_of_q {
-            let (velocity, acceleration) =
-                (motion.derivative(series), motion.second_derivative(series));
-            let effort: Vec<f64> = (0..series.len())
-                .map(|i| {
-                    let damping = viscous + slopes.damping[i];
-                    inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
-                })
-                .collect();
-            squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
-        }
-        squares.sqrt()
+        &motion.noise_of_q
     };
+    let mut squares = 0.0;
+    for series in noise {
+        let (velocity, acceleration) =
+            (motion.derivative(series), motion.second_derivative(series));
+        let effort: Vec<f64> = (0..series.len())
+            .map(|i| {
+                let damping = viscous + slopes.damping[i];
+                inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
+            })
+            .collect();
+        squares += usual_square(motion, &effort)? / noise.len() as f64;
+    }
+    let position_rms = squares.sqrt();
     let position_rms = position_rms.hypot(lever_rms(motion)?);
     let floor = NoiseFloor {
         rms: wrench_rms.hypot(position_rms),
@@ -148,7 +146,7 @@ pub fn floor(
 /// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch
 /// counts as such when the pose across the path jumps there, or when it has many times what is usual.
 pub(crate) fn usual_square(motion: &Motion, effort: &[f64]) -> Result<f64, MotionError> {
-    let values = motion.regressor_of_all(effort)?;
+    let values = motion.regressor(effort)?;
     let mut stretches: std::collections::BTreeMap<i64, (f64, usize)> =
         std::collections::BTreeMap::new();
     for (&i, value) in motion.kept.iter().zip(values) {
@@ -282,36 +280,110 @@ fn by_coordinate(motion: &Motion, series: &[f64]) -> Vec<f64> {
 /// Chebyshev polynomials of the coordinate that a path may have, the constant among them.
 const PATH_TERMS: usize = 7;
 
-/// Standard deviation of the white noise that fills the band above `from_hz`: the median over windows of a quarter second.
-fn white_noise(samples: &JointSamples, series: &[f64], from_hz: f64) -> Result<f64, MotionError> {
-    let rate = samples.rate_hz();
-    let from = from_hz.min(0.25 * rate);
-    let filter = LowPass::butterworth(4, from, rate)?;
-    let mut variances = Vec::new();
-    for run in samples
-        .runs
-        .iter()
-        .filter(|run| run.len() as f64 * samples.period > 1.0)
-    {
-        let part = &series[run.clone()];
-        let low = filter.zero_phase(part)?;
-        let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
-        let window = ((0.25 * rate) as usize).max(8);
-        variances.extend(high.chunks(window).map(|chunk| rms(chunk).powi(2)));
-    }
-    let share = 1.0 - from / (rate / 2.0);
-    Ok((quantile(&variances, 0.5) / share.max(0.1)).sqrt())
+/// Some series of white noise at the work rate, the same each time.
+fn white_series(motion: &Motion, std: f64) -> Vec<Vec<f64>> {
+    let mut random = Random::new(0);
+    let mut series = || motion.q.iter().map(|_| std * random.normal()).collect();
+    (0..WHITE_SERIES).map(|_| series()).collect()
 }
 
-/// Integral of `weight` times the filter's power gain over frequency, Hz.
-fn band_integral(motion: &Motion, weight: &dyn Fn(f64) -> f64) -> f64 {
-    let half = 0.5 / motion.period;
+const WHITE_SERIES: usize = 4;
+
+/// When the joint turns, s.
+fn turns(motion: &Motion) -> Vec<f64> {
+    let mut out = Vec::new();
+    for run in &motion.runs {
+        let turning = motion.turning[run.clone()].windows(2);
+        let turns = turning.zip(&motion.time[run.clone()]);
+        out.extend(
+            turns
+                .filter(|(pair, _)| pair[0] * pair[1] <= 0.0)
+                .map(|(_, t)| *t),
+        );
+    }
+    out
+}
+
+/// The stretches of samples over which white noise is looked at.
+struct Stretches<'a> {
+    samples: &'a JointSamples,
+    each: Vec<Range<usize>>,
+}
+
+impl<'a> Stretches<'a> {
+    /// Those not near `turns` (ascending), or all where that leaves too few.
+    fn away_from(samples: &'a JointSamples, turns: &[f64]) -> Self {
+        let length = ((STRETCH_OF_WHITE_S / samples.period) as usize).max(LEAST_OF_WHITE);
+        let mut out = Self {
+            samples,
+            each: Vec::new(),
+        };
+        let runs = samples.runs.iter().filter(|run| out.is_long(run));
+        let all: Vec<Range<usize>> = runs
+            .flat_map(|run| {
+                let starts = run.clone().step_by(length);
+                starts.map(|from| from..(from + length).min(run.end))
+            })
+            .filter(|stretch| stretch.len() == length)
+            .collect();
+        let away = |stretch: &&Range<usize>| {
+            let [from, to] = [stretch.start, stretch.end - 1].map(|i| samples.time[i]);
+            let next = turns.partition_point(|t| *t < from - RINGS_S);
+            turns.get(next).is_none_or(|t| *t > to + RINGS_S)
+        };
+        let away: Vec<Range<usize>> = all.iter().filter(away).cloned().collect();
+        out.each = if away.len() < ENOUGH { all } else { away };
+        out
+    }
+
+    fn is_long(&self, run: &Range<usize>) -> bool {
+        run.len() as f64 * self.samples.period > 1.0
+    }
+
+    /// Standard deviation of the white noise that fills the band above `from_hz`: the median over the stretches.
+    fn white_noise(&self, series: &[f64], from_hz: f64) -> Result<f64, MotionError> {
+        let rate = self.samples.rate_hz();
+        let from = from_hz.min(0.25 * rate);
+        let filter = LowPass::butterworth(4, from, rate)?;
+        let mut low = vec![0.0; series.len()];
+        for run in self.samples.runs.iter().filter(|run| self.is_long(run)) {
+            low[run.clone()].copy_from_slice(&filter.zero_phase(&series[run.clone()])?);
+        }
+        let square = |stretch: &Range<usize>| {
+            let both = series[stretch.clone()].iter().zip(&low[stretch.clone()]);
+            let sum: f64 = both.map(|(a, b)| (a - b).powi(2)).sum();
+            sum / stretch.len() as f64
+        };
+        let squares: Vec<f64> = self.each.iter().map(square).collect();
+        // Of white noise so much is left by the filter's complement, and between two samples.
+        let left = mean_over_band(rate, |hz| {
+            let turned = (core::f64::consts::TAU * hz / rate).cos();
+            let between = 1.0 - self.samples.aside.interpolated * (1.0 - turned);
+            (1.0 - filter.gain(hz, rate).powi(2)).powi(2) * between
+        });
+        // The median of a chi-squared variable is less than its mean (Wilson and Hilferty 1931).
+        let free = (1.0 - 2.0 * from / rate) * self.each.first().map_or(1, Range::len) as f64;
+        let of_mean = (1.0 - 2.0 / (9.0 * free)).powi(3);
+        Ok((quantile(&squares, 0.5) / of_mean / left).sqrt())
+    }
+}
+
+/// Length of a stretch, s, and in samples at least.
+const STRETCH_OF_WHITE_S: f64 = 0.05;
+const LEAST_OF_WHITE: usize = 8;
+/// So many stretches are enough.
+const ENOUGH: usize = 20;
+/// How long a jump rings in the band above 30 Hz, s.
+const RINGS_S: f64 = 0.04;
+
+/// Mean of `weight`, of a frequency in Hz, over the band of a sample rate.
+fn mean_over_band(rate_hz: f64, weight: impl Fn(f64) -> f64) -> f64 {
     let steps = 2000;
-    let width = half / f64::from(steps);
-    (0..steps)
-        .map(|k| (f64::from(k) + 0.5) * width)
-        .map(|hz| weight(hz) * motion.power_gain(hz) * width)
-        .sum()
+    let width = 0.5 * rate_hz / f64::from(steps);
+    let sum: f64 = (0..steps)
+        .map(|k| weight((f64::from(k) + 0.5) * width))
+        .sum();
+    sum / f64::from(steps)
 }
 
 /// Acceleration of a noise series below `cutoff_hz`, away from its ends: for weighing sensors by what they do to the dynamics.

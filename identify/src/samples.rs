@@ -54,6 +54,9 @@ pub struct Aside {
     /// What the floor is at most, in the unit of the effort: the held-out error of the most flexible model, where the noise that the
     /// position seems to have would make more than that. For tables only.
     pub floor_at_most: Option<f64>,
+    /// Mean of `2 u (1 - u)` where samples were put on the grid between two others, at the share `u` of the way: what that takes of the
+    /// power of white noise.
+    pub interpolated: f64,
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
     pub slips_left_in: bool,
 }

@@ -104,6 +104,35 @@ impl Kernel {
         from
     }
 
+    /// Makes `weights` of the samples from `from` on those of a series without what this filter leaves of it at rest, and gives the
+    /// first of the samples that they then reach.
+    fn without_rests(
+        &self,
+        run: &Range<usize>,
+        slides: &[bool],
+        from: usize,
+        weights: &mut Vec<f64>,
+    ) -> usize {
+        let to = from + weights.len();
+        let Some(first) = (from..to).find(|&i| !slides[i]) else {
+            return from;
+        };
+        let last = (first..to).rfind(|&i| !slides[i]).unwrap_or(first);
+        let reach = self.weights.len() - 1;
+        let wider = from.min(run.start.max(first.saturating_sub(reach)));
+        let whole = weights.clone();
+        weights.clear();
+        weights.resize(from - wider, 0.0);
+        weights.extend_from_slice(&whole);
+        weights.resize(to.max(run.end.min(last + reach + 1)) - wider, 0.0);
+        for i in (first..=last).filter(|&i| !slides[i]) {
+            self.each(run, i, |at, weight| {
+                weights[at - wider] -= whole[i - from] * weight
+            });
+        }
+        wider
+    }
+
     /// The filtered series at the samples `kept` (ascending) of `runs`.
     pub(super) fn filtered(
         &self,
@@ -125,6 +154,26 @@ impl Kernel {
             },
         );
         out
+    }
+
+    /// Takes off `out`, a copy of `series`, what the filter leaves of it at the samples of `runs` that are not of `slides`.
+    pub(super) fn take_off(
+        &self,
+        runs: &[Range<usize>],
+        slides: &[bool],
+        series: &[f64],
+        out: &mut [f64],
+    ) {
+        in_vectors(
+            #[inline(always)]
+            || {
+                for run in runs {
+                    for i in run.clone().filter(|&i| !slides[i]) {
+                        out[i] -= self.at(run, i, series);
+                    }
+                }
+            },
+        );
     }
 
     #[inline(always)]
@@ -219,17 +268,17 @@ impl SparseColumns {
         rows.push(row);
     }
 
-    /// Filtered at `kept` (ascending) without the samples that are not of `slides`, (kept, columns).
+    /// Filtered at `kept` (ascending), without what `smoother` leaves at the samples that are not of `slides`: (kept, columns).
     pub(super) fn filtered(
         &self,
         kernel: &Kernel,
         runs: &[Range<usize>],
-        (kept, slides): (&[usize], &[bool]),
+        (kept, slides, smoother): (&[usize], &[bool], &Kernel),
         columns: usize,
     ) -> DMatrix<f64> {
         let parts: Vec<&[usize]> = kept.chunks(TOGETHER).collect();
         let parts = in_parallel(&parts, |part| {
-            self.filtered_rows(kernel, runs, (part, slides), columns)
+            self.filtered_rows(kernel, runs, (part, slides, smoother), columns)
         });
         // A matrix is stored column by column.
         let mut out = DMatrix::zeros(kept.len(), columns);
@@ -249,17 +298,16 @@ impl SparseColumns {
         &self,
         kernel: &Kernel,
         runs: &[Range<usize>],
-        (kept, slides): (&[usize], &[bool]),
+        (kept, slides, smoother): (&[usize], &[bool], &Kernel),
         columns: usize,
     ) -> Vec<f64> {
         let mut rows = vec![0.0; kept.len() * columns];
         let mut weights = Vec::new();
         for (&at, row) in kept.iter().zip(rows.chunks_exact_mut(columns.max(1))) {
             let run = runs.partition_point(|run| run.end <= at);
-            let from = kernel.weights_about(&runs[run], at, &mut weights);
-            for (weight, slides) in weights.iter_mut().zip(&slides[from..]) {
-                *weight = if *slides { *weight } else { 0.0 };
-            }
+            let run = &runs[run];
+            let from = kernel.weights_about(run, at, &mut weights);
+            let from = smoother.without_rests(run, slides, from, &mut weights);
             let near = self
                 .stretches
                 .partition_point(|one| one.samples.end <= from);

@@ -187,9 +187,12 @@ fn a_blow_against_the_stop_is_left_out_with_the_filters_ringing_and_a_gentle_tur
 fn single_samples_are_filtered_as_the_whole_series() {
     let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
     let series: Vec<f64> = motion.dq.iter().map(|v| v.signum() + v).collect();
-    // Where the joint rests nothing counts.
-    let sliding = series.iter().zip(&motion.slides);
-    let sliding: Vec<f64> = sliding.map(|(v, s)| if *s { *v } else { 0.0 }).collect();
+    // Where the joint rests what is smooth does not count.
+    let smooth = motion.smoothed(&series).unwrap();
+    let sliding = series.iter().zip(&smooth).zip(&motion.slides);
+    let sliding: Vec<f64> = sliding
+        .map(|((v, smooth), slides)| if *slides { *v } else { v - smooth })
+        .collect();
     assert!(motion.slides.iter().any(|slides| !slides));
     let whole = motion.at_kept(&motion.filtered(&sliding).unwrap());
     let mut sparse = SparseColumns::with_capacity(series.len(), 1);

@@ -1,4 +1,10 @@
 use super::*;
+use crate::dynamics::fit_base;
+use crate::motion::{Motion, MotionSettings};
+use crate::noise;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use std::io::Write;
 
 fn table(text: &str) -> tempfile::NamedTempFile {
@@ -198,4 +204,36 @@ fn other_units_are_doubted() {
             ),
         }
     }
+}
+
+/// Put on a grid between two samples, white noise has less of what is fast: the floor counts with what it had.
+#[test]
+fn times_that_jitter_leave_the_noise_its_size() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+    let mut floor = |jitter: f64| {
+        let mut text = "t,q,f\n".to_owned();
+        for i in 0..30_000 {
+            // Each third sample comes late.
+            let t = f64::from(i) * 1e-3 + if i % 3 == 0 { jitter } else { 0.0 };
+            let q = 0.3 * (2.0 * t).sin() + 1e-4 * noise();
+            text += &format!("{t},{q},{}\n", noise());
+        }
+        let samples = read(&text).unwrap();
+        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let mut model = fit_base(&motion).unwrap();
+        model.theta[0] = 10.0;
+        let floor = noise::floor(
+            &samples,
+            &motion,
+            &model,
+            noise::Slopes::none(motion.q.len()),
+        );
+        floor.unwrap()
+    };
+    let [even, late] = [0.0, 4e-4].map(&mut floor);
+    let position = late.position_rms / even.position_rms;
+    let wrench = late.wrench_rms / even.wrench_rms;
+    assert!((0.95..1.05).contains(&position), "{even:?} {late:?}");
+    assert!((0.95..1.05).contains(&wrench), "{even:?} {late:?}");
 }
