@@ -254,6 +254,7 @@ fn fit_full(
     let may_stand =
         !matches!(taken, Taken::TooMuch(_)) && whole_below.is_some_and(|most| held_out_rms <= most);
     let together = together.map(|mut together| {
+        together.doubt(&theta, &covariance);
         if may_stand && together.is_more_certain(&theta, &covariance) {
             together.fit.stands = true;
             let all = together.theta.iter().copied();

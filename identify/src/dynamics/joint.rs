@@ -54,6 +54,8 @@ const RIGID: usize = 3;
 /// What the parameters are held with where they were, in the units of a diagonal element: a named line and the load's own are the same
 /// effort, and rounding would carry the two away from each other without end.
 const HELD: f64 = 1e-6;
+/// So many standard deviations of their difference two fits differ by chance.
+const DOUBTED: f64 = 2.0;
 /// Effort noise that is tried, over the sensor's.
 const NOISES: [f64; 9] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 16.0, 32.0];
 
@@ -91,6 +93,18 @@ impl Together {
     pub(super) fn is_more_certain(&self, theta: &DVector<f64>, plain: &DMatrix<f64>) -> bool {
         let bends = self.mechanism.len() > self.mechanism.first_bend();
         self.converged && !bends && more_certain([&self.theta, theta], [&self.covariance, plain])
+    }
+
+    /// Counts what its inertia and friction differ by from the plain fit's, by more than both scatter, as uncertainty: of the two the
+    /// plain fit presumes less.
+    pub(super) fn doubt(&mut self, theta: &DVector<f64>, plain: &DMatrix<f64>) {
+        for (j, term) in self.fit.terms.iter_mut().enumerate() {
+            let off = (self.theta[j] - theta[j]).powi(2);
+            if off > DOUBTED.powi(2) * (self.covariance[(j, j)] + plain[(j, j)]) {
+                self.covariance[(j, j)] += off;
+                term.std = Some(self.covariance[(j, j)].sqrt());
+            }
+        }
     }
 }
 
