@@ -135,19 +135,21 @@ fn a_hand_that_moves_at_once_opens_from_the_grasp() {
     }
 }
 
-/// Eleven seconds at a closer are too few to find all of it, but what is found is no notch: before the load and the dampers are there, one explains most.
+/// Eleven seconds at a closer show each damper in few strokes, and before its load and its dampers are there a notch explains most, or nothing
+/// does. The load is found all the same, and no notch.
 #[test]
-fn few_strokes_of_a_closer_have_no_notch() {
-    for seed in [1, 4, 7] {
+fn few_strokes_of_a_closer_have_a_load_and_no_notch() {
+    for seed in [1, 4, 5, 7] {
         let report = report_of_22_s("wood_door", seed);
-        assert_eq!(report.last.verdict, Verdict::Unexplained);
         let names: BTreeSet<&str> = report.effects.iter().map(|e| e.name).collect();
+        let loaded = ["spring", "constant_load", "gravity"];
+        assert!(loaded.iter().any(|load| names.contains(load)), "{names:?}");
         assert!(
             names.contains("damping_zone") && !names.contains("detent"),
             "{names:?}"
         );
-        let refused = report.refused.iter().find(|r| r.name == "detent").unwrap();
-        assert_eq!(refused.reason, "without it others leave less");
+        let left = report.last.unexplained_fraction.unwrap();
+        assert!(left < 0.1, "{left}");
     }
 }
 

@@ -191,17 +191,15 @@ impl State {
             let mut plain = found.clone();
             plain.used = vec![true, false];
             plain.shape[relief] = fastest;
-            let mut tried = vec![];
-            if found.used[1] {
-                tried.push(found.clone());
-            } else {
-                for level in LEVELS {
-                    let mut with = found.clone();
-                    with.shape[relief] = level * fastest;
-                    with.used.fill(true);
-                    tried.push(with);
-                }
-            }
+            // What came since may let the valve open elsewhere.
+            let at = |level: f64| {
+                let mut with = found.clone();
+                with.shape[relief] = level * fastest;
+                with.used.fill(true);
+                with
+            };
+            let mut tried: Vec<Found> = LEVELS.map(at).into();
+            tried.extend(found.used[1].then(|| found.clone()));
             let Some(without) = self.outcome(&problem, &plain) else {
                 continue;
             };

@@ -1,6 +1,6 @@
 //! The loop.
 
-use super::gates::limit;
+use super::gates::{limit, p_value_of};
 use super::model::{
     Candidate, Found, Ground, bank, blocks, is_known, is_load, is_smooth_load, slopes_of,
 };
@@ -11,7 +11,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
     DynamicsError, EffortModel, fit_columns, fit_parametric, fit_with_mechanism,
 };
-use crate::effect::load::{CATCH, DETENT};
+use crate::effect::load::{CATCH, DETENT, SPRING};
 use crate::effect::measurement::TIME_LAG;
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
@@ -156,6 +156,9 @@ pub fn diagnose_without(
     Ok(best)
 }
 
+/// The p-value of what was put there unasked.
+const UNASKED: f64 = 1.0;
+
 /// Effects that have been found in the place of others.
 const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
 /// That many noise floors are much more than noise.
@@ -183,11 +186,21 @@ fn searched(
         let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
         let others: Vec<Candidate> = state.bank.extract_if(.., other).collect();
         state.step()?;
+        // Beside dampers that few strokes show, one explains nothing alone.
+        let may_be = state
+            .bank
+            .iter()
+            .any(|candidate| candidate.kind.is(&SPRING));
+        if state.effects.is_empty() && may_be {
+            let spring = state.ground.found(&SPRING, Vec::new(), vec![true; 2]);
+            state.effects.push((spring, UNASKED));
+        }
         state.bank.extend(others);
     }
     state.search()?;
     state.latch()?;
     state.search_dampers_again()?;
+    state.ask_chance()?;
     state.finish()
 }
 
@@ -288,6 +301,23 @@ impl State {
             .iter()
             .map(|(found, _)| found.clone())
             .collect()
+    }
+
+    /// Asks what chance gives in the place of effects that were put there unasked, beside all others.
+    fn ask_chance(&mut self) -> Result<(), DynamicsError> {
+        for i in 0..self.effects.len() {
+            if self.effects[i].1 < UNASKED {
+                continue;
+            }
+            let effect = self.effects.remove(i);
+            let seen = self.survey()?;
+            let chance = seen.map(|(_, seen)| p_value_of(effect.0.kind, &seen));
+            self.effects
+                .insert(i, (effect.0, chance.unwrap_or(UNASKED)));
+            // The floor is that of all.
+            self.survey()?;
+        }
+        Ok(())
     }
 
     pub(super) fn fit(&self) -> Result<EffortModel, DynamicsError> {
