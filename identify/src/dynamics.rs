@@ -254,7 +254,11 @@ fn fit_full(
     let may_stand =
         !matches!(taken, Taken::TooMuch(_)) && whole_below.is_some_and(|most| held_out_rms <= most);
     let together = together.map(|mut together| {
-        together.doubt(&theta, &covariance);
+        // What noise has taken of the plain one is no reason to doubt the other.
+        if !matches!(taken, Taken::TooMuch(_)) {
+            let common = mechanism.clone().take_common_damping();
+            together.doubt(&theta, common, &covariance);
+        }
         if may_stand && together.is_more_certain(&theta, &covariance) {
             together.fit.stands = true;
             let all = together.theta.iter().copied();

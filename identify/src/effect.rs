@@ -48,14 +48,14 @@ pub trait Effect: core::fmt::Debug + Sync {
 pub struct RigidBody;
 
 impl RigidBody {
-    /// Its columns before the filter, sliding.
-    pub(crate) fn sliding(motion: &Motion) -> [Vec<f64>; 3] {
-        let measured = &motion.q_measured;
-        let (dq, ddq) = (
-            motion.derivative(measured),
-            motion.second_derivative(measured),
-        );
-        [&ddq, &motion.sign, &dq].map(|series| motion.sliding(series))
+    /// Its series as they were measured, not smoothed.
+    pub(crate) fn measured(motion: &Motion) -> [Vec<f64>; 3] {
+        let q = &motion.q_measured;
+        [
+            motion.second_derivative(q),
+            motion.sign.clone(),
+            motion.derivative(q),
+        ]
     }
 }
 
@@ -72,8 +72,8 @@ impl Effect for RigidBody {
             values,
         };
         let kind = motion.kind;
-        let [inertia, coulomb, viscous] = Self::sliding(motion);
-        let filtered = |series: Vec<f64>| motion.regressor_of_all(&series);
+        let [inertia, coulomb, viscous] = Self::measured(motion);
+        let filtered = |series: Vec<f64>| motion.regressor(&series);
         Ok(vec![
             column("inertia", kind.inertia_unit(), filtered(inertia)?),
             column("coulomb", kind.effort_unit(), filtered(coulomb)?),

@@ -6,7 +6,7 @@
 //!   ([`Motion::regressor`]), also `sgn(dq)`.
 //!
 //! Where the joint rests, friction takes up whatever the hand gives: there, before the filter, all of these count without what the
-//! smoothing leaves of them, so that no effort at rest is spread over the samples nearby ([`Motion::sliding`]).
+//! smoothing leaves of them, so that no effort at rest is spread over the samples nearby ([`Motion::regressor`]).
 //!
 //! Samples for the fit are then taken at about four times the cut-off and gated by name.
 
@@ -134,7 +134,7 @@ pub struct Motion {
     /// Stroke of each sample, counted from 0 through the recording.
     pub stroke: Vec<usize>,
     /// Whether the joint slides at each sample. Where it rests friction takes up what the hand gives, and no model of the motion can
-    /// say how much, see [`Motion::sliding`].
+    /// say how much, see [`Motion::regressor`].
     pub slides: Vec<bool>,
     /// When the tool slid on the handle.
     pub slips: Vec<Slip>,
@@ -421,40 +421,25 @@ impl Motion {
         self.kept.iter().map(|&i| series[i]).collect()
     }
 
-    /// A regressor: a series at the work rate, [sliding](Motion::sliding), filtered like the effort, at the samples that fits use.
+    /// A regressor: a series at the work rate, without what the smoothing leaves of it where the joint rests, filtered like the effort,
+    /// at the samples that fits use.
+    ///
+    /// Taken off whole at rest, a series would bring its noise, most of it above the cut-off, through the filter at the edges; and were some
+    /// series taken off whole and others smoothed, the edges would differ by what jumps where a rest begins and ends.
     ///
     /// # Errors
-    /// As [`Motion::filtered`].
+    /// [`MotionError::Filter`] when the length differs from the motion's.
     pub fn regressor(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
-        self.regressor_of_all(&self.sliding(series))
-    }
-
-    /// A series without what the smoothing leaves of it where the joint rests: what [`Motion::regressor`] filters.
-    ///
-    /// Taken off whole there, a series would bring its noise, most of it above the cut-off, through the filter at the edges of the
-    /// rest; and were some series taken off whole and others smoothed, the edges would differ by what a rest's begin and end jump by.
-    /// # Panics
-    /// When the length differs from the motion's.
-    #[must_use]
-    pub fn sliding(&self, series: &[f64]) -> Vec<f64> {
-        let mut out = series.to_vec();
-        self.smoother
-            .take_off(&self.runs, &self.slides, series, &mut out);
-        out
-    }
-
-    /// As [`Motion::regressor`], with what it has where the joint rests.
-    ///
-    /// # Errors
-    /// As [`Motion::filtered`].
-    pub fn regressor_of_all(&self, series: &[f64]) -> Result<Vec<f64>, MotionError> {
         if series.len() != self.q.len() {
             return Err(MotionError::Filter(FilterError::TooShort {
                 got: series.len(),
                 needed: self.q.len(),
             }));
         }
-        Ok(self.kernel.filtered(&self.runs, &self.kept, series))
+        let mut sliding = series.to_vec();
+        self.smoother
+            .take_off(&self.runs, &self.slides, series, &mut sliding);
+        Ok(self.kernel.filtered(&self.runs, &self.kept, &sliding))
     }
 
     /// Regressors that are zero nearly everywhere, as [`Motion::regressor`]; (kept samples, `columns`).

@@ -1,7 +1,7 @@
 //! What a complete model would leave: the sensors' noise through the pipeline's filters.
 //!
-//! - Wrench: away from turns, the effort above 30 Hz (or the upper half of the band) is taken as noise and as white, and carried
-//!   through the filter.
+//! - Wrench: away from turns, the effort above 30 Hz (or the upper half of the band) is taken as noise and as white. Simulated noise
+//!   of that size goes through the rests and the filter.
 //! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
 //!   derivatives, the same rests and the same filter and are weighed with the inertia, the tool's own among it, all damping where it
 //!   is, and the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), white noise does so,
@@ -9,8 +9,6 @@
 //!   [`crate::samples::Aside::floor_at_most`] may bound the floor.
 //!
 //! Not covered: slow drift of the force sensor, anything that both streams share, and what processing adds (signs near reversals, smoothing twice).
-
-use core::ops::Range;
 
 use crate::diagnose::per_velocity;
 use crate::dynamics::EffortModel;
@@ -95,9 +93,13 @@ pub fn floor(
     mut slopes: Slopes,
 ) -> Result<NoiseFloor, MotionError> {
     // Friction that turns jumps, and a jump is in every band.
-    let even = Stretches::away_from(samples, &turns(motion));
-    let band = mean_over_band(1.0 / motion.period, |hz| motion.power_gain(hz)) / motion.period;
-    let wrench_rms = even.white_noise(&samples.tau, 30.0)? * (samples.period * band).sqrt();
+    let band = White {
+        from_hz: 30.0,
+        stretch_s: 0.05,
+        interpolated: samples.aside.interpolated[1],
+    };
+    let std = band.std(samples, &samples.tau, &turns(motion))?;
+    let wrench_rms = of_all(motion, &white_series(motion, samples, std), <[f64]>::to_vec)?;
     let theta = |name: &str| {
         model
             .terms
@@ -113,26 +115,25 @@ pub fn floor(
     }
     let white;
     let noise = if motion.noise_of_q.is_empty() {
-        let all = Stretches::away_from(samples, &[]);
-        let std = all.white_noise(&samples.q, 0.25 * samples.rate_hz())?;
-        white = white_series(motion, std * (samples.period / motion.period).sqrt());
+        let band = White {
+            from_hz: 0.25 * samples.rate_hz(),
+            stretch_s: 0.25,
+            interpolated: samples.aside.interpolated[0],
+        };
+        white = white_series(motion, samples, band.std(samples, &samples.q, &[])?);
         &white
     } else {
         &motion.noise_of_q
     };
-    let mut squares = 0.0;
-    for series in noise {
+    let position_rms = of_all(motion, noise, |series| {
         let (velocity, acceleration) =
             (motion.derivative(series), motion.second_derivative(series));
-        let effort: Vec<f64> = (0..series.len())
-            .map(|i| {
-                let damping = viscous + slopes.damping[i];
-                inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
-            })
-            .collect();
-        squares += usual_square(motion, &effort)? / noise.len() as f64;
-    }
-    let position_rms = squares.sqrt();
+        let effort = |i: usize| {
+            let damping = viscous + slopes.damping[i];
+            inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
+        };
+        (0..series.len()).map(effort).collect()
+    })?;
     let position_rms = position_rms.hypot(lever_rms(motion)?);
     let floor = NoiseFloor {
         rms: wrench_rms.hypot(position_rms),
@@ -141,6 +142,19 @@ pub fn floor(
     };
     let most = samples.aside.floor_at_most;
     Ok(most.map_or(floor, |most| floor.at_most(most)))
+}
+
+/// What noise makes, of which there are several series: their root mean square at the fit's samples.
+fn of_all(
+    motion: &Motion,
+    noise: &[Vec<f64>],
+    effort: impl Fn(&[f64]) -> Vec<f64>,
+) -> Result<f64, MotionError> {
+    let mut squares = 0.0;
+    for series in noise {
+        squares += usual_square(motion, &effort(series))? / noise.len() as f64;
+    }
+    Ok(squares.sqrt())
 }
 
 /// Mean square at the fit's samples of what noise makes, away from where the pads slid on the handle: that is no noise. A stretch
@@ -188,16 +202,10 @@ fn lever_rms(motion: &Motion) -> Result<f64, MotionError> {
     if motion.kind != JointKind::Revolute {
         return Ok(0.0);
     }
-    let mut squares = 0.0;
-    for series in &motion.noise_of_q {
-        let effort: Vec<f64> = series
-            .iter()
-            .zip(&motion.tau)
-            .map(|(n, tau)| n * tau)
-            .collect();
-        squares += usual_square(motion, &effort)? / motion.noise_of_q.len() as f64;
-    }
-    Ok(squares.sqrt())
+    of_all(motion, &motion.noise_of_q, |series| {
+        let both = series.iter().zip(&motion.tau);
+        both.map(|(n, tau)| n * tau).collect()
+    })
 }
 
 /// A series less its mean between the instants at which the tool slid on the handle, and straight across them: what it slid by is
@@ -280,14 +288,19 @@ fn by_coordinate(motion: &Motion, series: &[f64]) -> Vec<f64> {
 /// Chebyshev polynomials of the coordinate that a path may have, the constant among them.
 const PATH_TERMS: usize = 7;
 
-/// Some series of white noise at the work rate, the same each time.
-fn white_series(motion: &Motion, std: f64) -> Vec<Vec<f64>> {
+/// Some series at the work rate of noise that is white at the samples' own, the same each time.
+fn white_series(motion: &Motion, samples: &JointSamples, std: f64) -> Vec<Vec<f64>> {
+    let std = std * (samples.period / motion.period).sqrt();
     let mut random = Random::new(0);
     let mut series = || motion.q.iter().map(|_| std * random.normal()).collect();
-    (0..WHITE_SERIES).map(|_| series()).collect()
+    let needed = WHITE_S / (motion.q.len() as f64 * motion.period);
+    (0..(needed as usize).clamp(1, 4))
+        .map(|_| series())
+        .collect()
 }
 
-const WHITE_SERIES: usize = 4;
+/// So much noise has a root mean square of a few percent.
+const WHITE_S: f64 = 300.0;
 
 /// When the joint turns, s.
 fn turns(motion: &Motion) -> Vec<f64> {
@@ -304,77 +317,70 @@ fn turns(motion: &Motion) -> Vec<f64> {
     out
 }
 
-/// The stretches of samples over which white noise is looked at.
-struct Stretches<'a> {
-    samples: &'a JointSamples,
-    each: Vec<Range<usize>>,
+/// White noise is looked for above a frequency, by the median over stretches.
+struct White {
+    from_hz: f64,
+    stretch_s: f64,
+    /// As [`crate::samples::Aside`] has it.
+    interpolated: f64,
 }
 
-impl<'a> Stretches<'a> {
-    /// Those not near `turns` (ascending), or all where that leaves too few.
-    fn away_from(samples: &'a JointSamples, turns: &[f64]) -> Self {
-        let length = ((STRETCH_OF_WHITE_S / samples.period) as usize).max(LEAST_OF_WHITE);
-        let mut out = Self {
-            samples,
-            each: Vec::new(),
-        };
-        let runs = samples.runs.iter().filter(|run| out.is_long(run));
-        let all: Vec<Range<usize>> = runs
-            .flat_map(|run| {
-                let starts = run.clone().step_by(length);
-                starts.map(|from| from..(from + length).min(run.end))
-            })
-            .filter(|stretch| stretch.len() == length)
-            .collect();
-        let away = |stretch: &&Range<usize>| {
-            let [from, to] = [stretch.start, stretch.end - 1].map(|i| samples.time[i]);
-            let next = turns.partition_point(|t| *t < from - RINGS_S);
-            turns.get(next).is_none_or(|t| *t > to + RINGS_S)
-        };
-        let away: Vec<Range<usize>> = all.iter().filter(away).cloned().collect();
-        out.each = if away.len() < ENOUGH { all } else { away };
-        out
-    }
-
-    fn is_long(&self, run: &Range<usize>) -> bool {
-        run.len() as f64 * self.samples.period > 1.0
-    }
-
-    /// Standard deviation of the white noise that fills the band above `from_hz`: the median over the stretches.
-    fn white_noise(&self, series: &[f64], from_hz: f64) -> Result<f64, MotionError> {
-        let rate = self.samples.rate_hz();
-        let from = from_hz.min(0.25 * rate);
+impl White {
+    /// Standard deviation of the white noise that fills the band of `series`, away from `turns` (ascending) unless that leaves too little.
+    fn std(
+        &self,
+        samples: &JointSamples,
+        series: &[f64],
+        turns: &[f64],
+    ) -> Result<f64, MotionError> {
+        let rate = samples.rate_hz();
+        let from = self.from_hz.min(0.25 * rate);
         let filter = LowPass::butterworth(4, from, rate)?;
-        let mut low = vec![0.0; series.len()];
-        for run in self.samples.runs.iter().filter(|run| self.is_long(run)) {
-            low[run.clone()].copy_from_slice(&filter.zero_phase(&series[run.clone()])?);
+        let length = ((self.stretch_s * rate) as usize).max(LEAST_OF_WHITE);
+        let rings_s = RINGS / from;
+        let (mut squares, mut away) = (Vec::new(), Vec::new());
+        for run in &samples.runs {
+            if run.len() as f64 * samples.period <= 1.0 {
+                continue;
+            }
+            let part = &series[run.clone()];
+            let low = filter.zero_phase(part)?;
+            let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
+            let times = samples.time[run.clone()].chunks_exact(length);
+            for (high, times) in high.chunks_exact(length).zip(times) {
+                let square = rms(high).powi(2);
+                squares.push(square);
+                let next = turns.partition_point(|t| *t < times[0] - rings_s);
+                if turns
+                    .get(next)
+                    .is_none_or(|t| *t > times[length - 1] + rings_s)
+                {
+                    away.push(square);
+                }
+            }
         }
-        let square = |stretch: &Range<usize>| {
-            let both = series[stretch.clone()].iter().zip(&low[stretch.clone()]);
-            let sum: f64 = both.map(|(a, b)| (a - b).powi(2)).sum();
-            sum / stretch.len() as f64
-        };
-        let squares: Vec<f64> = self.each.iter().map(square).collect();
+        if away.len() >= ENOUGH {
+            squares = away;
+        }
         // Of white noise so much is left by the filter's complement, and between two samples.
         let left = mean_over_band(rate, |hz| {
             let turned = (core::f64::consts::TAU * hz / rate).cos();
-            let between = 1.0 - self.samples.aside.interpolated * (1.0 - turned);
+            let between = 1.0 - self.interpolated * (1.0 - turned);
             (1.0 - filter.gain(hz, rate).powi(2)).powi(2) * between
         });
         // The median of a chi-squared variable is less than its mean (Wilson and Hilferty 1931).
-        let free = (1.0 - 2.0 * from / rate) * self.each.first().map_or(1, Range::len) as f64;
+        let free = (1.0 - 2.0 * from / rate) * length as f64;
         let of_mean = (1.0 - 2.0 / (9.0 * free)).powi(3);
         Ok((quantile(&squares, 0.5) / of_mean / left).sqrt())
     }
 }
 
-/// Length of a stretch, s, and in samples at least.
-const STRETCH_OF_WHITE_S: f64 = 0.05;
+/// Samples of a stretch, at least.
 const LEAST_OF_WHITE: usize = 8;
 /// So many stretches are enough.
 const ENOUGH: usize = 20;
-/// How long a jump rings in the band above 30 Hz, s.
-const RINGS_S: f64 = 0.04;
+/// How long a jump rings in the band above a frequency, in its periods.
+const RINGS: f64 = 1.2;
 
 /// Mean of `weight`, of a frequency in Hz, over the band of a sample rate.
 fn mean_over_band(rate_hz: f64, weight: impl Fn(f64) -> f64) -> f64 {

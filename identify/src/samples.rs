@@ -26,7 +26,7 @@ pub struct JointSamples {
     pub aside: Aside,
 }
 
-/// What a recording of a tool knows beside coordinate and effort; empty for tables.
+/// What is known beside coordinate and effort, of a recording's tool mostly.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Aside {
     /// Force on the object along two perpendiculars of the joint's axis, fixed in `world`, N: of a hinge the first is the way from it to
@@ -54,9 +54,9 @@ pub struct Aside {
     /// What the floor is at most, in the unit of the effort: the held-out error of the most flexible model, where the noise that the
     /// position seems to have would make more than that. For tables only.
     pub floor_at_most: Option<f64>,
-    /// Mean of `2 u (1 - u)` where samples were put on the grid between two others, at the share `u` of the way: what that takes of the
-    /// power of white noise.
-    pub interpolated: f64,
+    /// Of position and effort the mean of `2 u (1 - u)`, where samples of a table were put on the grid between two others, at the share `u` of
+    /// the way: half of what that takes of the power of the fastest noise.
+    pub interpolated: [f64; 2],
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
     pub slips_left_in: bool,
 }
@@ -144,6 +144,9 @@ impl JointSamples {
         };
         let mut out = self.clone();
         out.tau = of_sensor(&self.tau);
+        let (part, before) = (steps - steps.floor(), self.aside.interpolated[1]);
+        let more = 2.0 * part * (1.0 - part);
+        out.aside.interpolated[1] = before + more - 2.0 * before * more;
         for series in &mut out.aside.across {
             *series = earlier(series);
         }

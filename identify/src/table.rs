@@ -283,7 +283,8 @@ fn on_a_grid(rows: &[[f64; 3]], kind: JointKind) -> JointSamples {
             from = i + 1;
         }
     }
-    out.aside.interpolated /= out.time.len().max(1) as f64;
+    let mean = out.aside.interpolated[0] / out.time.len().max(1) as f64;
+    out.aside.interpolated = [mean; 2];
     out
 }
 
@@ -316,7 +317,7 @@ fn append(out: &mut JointSamples, piece: &[[f64; 3]], start: f64) {
                 0.0
             };
             out.time.push(t - start);
-            out.aside.interpolated += 2.0 * part * (1.0 - part);
+            out.aside.interpolated[0] += 2.0 * part * (1.0 - part);
             out.q.push(a[1] + part * (b[1] - a[1]));
             out.tau.push(a[2] + part * (b[2] - a[2]));
         }

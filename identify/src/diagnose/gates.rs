@@ -312,13 +312,6 @@ pub(super) fn limit(chance: &[f64]) -> f64 {
         .max(4.0)
 }
 
-/// What chance gives in the place of a kind: all of it where the kind does not help.
-pub(super) fn p_value_of(kind: &Kind, seen: &Look) -> f64 {
-    let mut ranked = seen.ranked.iter();
-    let own = ranked.find(|entry| entry.kind.is(kind));
-    own.map_or(1.0, |entry| p_value(entry, seen))
-}
-
 fn p_value(entry: &Ranked, seen: &Look) -> f64 {
     let as_good = seen.chance.iter().filter(|c| **c >= entry.score).count();
     (1.0 + as_good as f64) / (1.0 + seen.chance.len() as f64)

@@ -109,18 +109,17 @@ fn error_of(
 
 /// What a model leaves of a motion's effort at the fit's samples; the filter is linear, so once is enough.
 fn left_by(motion: &Motion, effects: &[Found], theta: &[f64]) -> Result<Vec<f64>, MotionError> {
-    let mut left = motion.sliding(&motion.tau);
-    let mut series = RigidBody::sliding(motion).to_vec();
+    let mut left = motion.tau.clone();
+    let mut series = RigidBody::measured(motion).to_vec();
     for effect in effects {
-        let own = effect.series(motion).into_iter();
-        series.extend(own.map(|series| motion.sliding(&series)));
+        series.extend(effect.series(motion));
     }
     for (series, theta) in series.iter().zip(theta) {
         for (left, value) in left.iter_mut().zip(series) {
             *left -= theta * value;
         }
     }
-    motion.regressor_of_all(&left)
+    motion.regressor(&left)
 }
 
 /// A series like the position sensor's noise: its own series, moved in time and mixed; white when there are none.
@@ -138,7 +137,7 @@ fn position_noise(
         let effort: Vec<f64> = (0..n)
             .map(|i| (theta[0] + motion.tool_inertia) * acceleration[i] + theta[2] * velocity[i])
             .collect();
-        let unit = rms(&motion.regressor_of_all(&effort)?);
+        let unit = rms(&motion.regressor(&effort)?);
         let level = if unit > 0.0 {
             floor.position_rms / unit
         } else {

@@ -1,6 +1,6 @@
 //! The loop.
 
-use super::gates::{limit, p_value_of};
+use super::gates::limit;
 use super::model::{
     Candidate, Found, Ground, bank, blocks, is_known, is_load, is_smooth_load, slopes_of,
 };
@@ -156,8 +156,8 @@ pub fn diagnose_without(
     Ok(best)
 }
 
-/// The p-value of what was put there unasked.
-const UNASKED: f64 = 1.0;
+/// In the place of a p-value: it was put there unasked.
+const UNASKED: f64 = f64::INFINITY;
 
 /// Effects that have been found in the place of others.
 const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
@@ -168,7 +168,7 @@ pub(super) const MUCH: f64 = 2.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum First {
     Any,
-    /// A load over the whole range.
+    /// A load over the whole range: the best that passes, or a spring, which must stand beside what comes after it.
     Load,
 }
 
@@ -200,7 +200,7 @@ fn searched(
     state.search()?;
     state.latch()?;
     state.search_dampers_again()?;
-    state.ask_chance()?;
+    state.ask()?;
     state.finish()
 }
 
@@ -303,19 +303,23 @@ impl State {
             .collect()
     }
 
-    /// Asks what chance gives in the place of effects that were put there unasked, beside all others.
-    fn ask_chance(&mut self) -> Result<(), DynamicsError> {
-        for i in 0..self.effects.len() {
-            if self.effects[i].1 < UNASKED {
-                continue;
+    /// Holds what was put there unasked to what holds for all others, beside these; what does not stand is taken out.
+    fn ask(&mut self) -> Result<(), DynamicsError> {
+        let Some(i) = self.effects.iter().position(|(_, p)| *p == UNASKED) else {
+            return Ok(());
+        };
+        let as_is = self.as_is();
+        let (effect, _) = self.effects.remove(i);
+        // A curve over the coordinate is any load.
+        self.ground.curve.clear();
+        let seen = self.survey()?;
+        let own = seen.and_then(|(_, seen)| self.passing(effect.kind, &seen));
+        self.put_back(as_is);
+        match own {
+            Some((_, p_value)) => self.effects[i].1 = p_value,
+            None => {
+                self.effects.remove(i);
             }
-            let effect = self.effects.remove(i);
-            let seen = self.survey()?;
-            let chance = seen.map(|(_, seen)| p_value_of(effect.0.kind, &seen));
-            self.effects
-                .insert(i, (effect.0, chance.unwrap_or(UNASKED)));
-            // The floor is that of all.
-            self.survey()?;
         }
         Ok(())
     }

@@ -96,10 +96,11 @@ impl Together {
     }
 
     /// Counts what its inertia and friction differ by from the plain fit's, by more than both scatter, as uncertainty: of the two the
-    /// plain fit presumes less.
-    pub(super) fn doubt(&mut self, theta: &DVector<f64>, plain: &DMatrix<f64>) {
+    /// plain fit presumes less. `common` = damping of the plain fit's mechanism that is viscous friction.
+    pub(super) fn doubt(&mut self, theta: &DVector<f64>, common: f64, plain: &DMatrix<f64>) {
         for (j, term) in self.fit.terms.iter_mut().enumerate() {
-            let off = (self.theta[j] - theta[j]).powi(2);
+            let other = theta[j] + if j == VISCOUS { common } else { 0.0 };
+            let off = (term.value.unwrap_or(other) - other).powi(2);
             if off > DOUBTED.powi(2) * (self.covariance[(j, j)] + plain[(j, j)]) {
                 self.covariance[(j, j)] += off;
                 term.std = Some(self.covariance[(j, j)].sqrt());

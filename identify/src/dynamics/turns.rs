@@ -1,8 +1,8 @@
 //! What is not known of when the joint turns: Coulomb friction changes its sign then, and friction that turns late looks like inertia.
 //!
-//! Where turns are left out of the fit their instants do not matter. Where they stay in (a noisy tracker, a fit that foretells better with
-//! them), a joint that sticks for some ms as it turns, seen through a smoothed velocity, turns late each time. Meant is the friction of
-//! the rigid body; effects that change it as the joint turns are not counted.
+//! A joint that sticks for some ms as it turns, seen through a smoothed velocity, turns late each time. Where turns are left out of the fit
+//! their instants matter as far as the smoothing carries them beyond; elsewhere (a noisy tracker, a fit that foretells better with
+//! them) in full. Meant is the friction of the rigid body; effects that change it as the joint turns are not counted.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,7 @@ use crate::motion::{Motion, MotionError};
 /// What turns may be late by, all alike: one standard deviation, in periods of the cut-off of the velocity they are seen by.
 const LATE: f64 = 0.024;
 
-/// Covariance of the parameters, `theta`, by turns that are late: none where turns are left out.
+/// Covariance of the parameters, `theta`, by turns that are late.
 pub(super) fn covariance(
     motion: &Motion,
     design: &Design,

@@ -210,7 +210,11 @@ fn single_samples_are_filtered_as_the_whole_series() {
 
 #[test]
 fn columns_that_come_and_go_are_filtered_like_whole_series() {
-    let motion = Motion::prepare(&sine(10.0, 1000.0, 0.4), &MotionSettings::default()).unwrap();
+    // Two runs, of which the second begins in the midst of a stroke.
+    let mut samples = sine(10.0, 1000.0, 0.4);
+    samples.runs = vec![0..5300, 5300..samples.q.len()];
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    assert!(motion.slides.iter().any(|slides| !slides));
     let entries = |i: usize, dq: f64| -> Vec<(usize, f64)> {
         let value = 1.0 + dq;
         let few = (0..i / 13 % 7).map(|j| ((i / 13 + j) % 9, value * (j + 1) as f64));
