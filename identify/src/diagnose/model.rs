@@ -420,9 +420,12 @@ pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
 }
 
 /// Whether the friction beside the candidate keeps its sign: what resists one way only must not be made up of a friction that
-/// drives the other way. `rest` = estimates of the current model's columns.
-pub(super) fn friction_holds(ground: &Ground, kind: &Kind, theta: &[f64], rest: &[f64]) -> bool {
+/// drives the other way. And whether what moves after a change of the inertia still has one. `rest` = estimates of the current model's
+/// columns.
+pub(super) fn rigid_body_holds(ground: &Ground, kind: &Kind, theta: &[f64], rest: &[f64]) -> bool {
+    let inertia = if ground.active[0] { rest.first() } else { None };
     let at = match kind.name {
+        "payload_switch" => return inertia.unwrap_or(&0.0) + theta[0] > 0.0,
         "asymmetric_coulomb" => usize::from(ground.active[0]),
         "asymmetric_viscous" if ground.active[2] => usize::from(ground.active[0]) + 1,
         _ => return true,

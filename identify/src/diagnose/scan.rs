@@ -1,6 +1,6 @@
 //! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
 
-use super::model::{Candidate, Found, Ground, friction_holds, signs_hold};
+use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
 use super::score::Problem;
 use super::shapes::{moments, polished};
 use crate::effect::library::{Kind, Search};
@@ -100,7 +100,7 @@ fn score_all(
     let scored = |k: usize| {
         let (theta, rest) = (&outcomes[k].theta, &outcomes[k].rest);
         let holds = signs_hold(candidate.kind, &used, theta)
-            && friction_holds(ground, candidate.kind, theta, rest);
+            && rigid_body_holds(ground, candidate.kind, theta, rest);
         let score = evidence(problem, candidate.kind, &used, before[k], outcomes[k].mse);
         if holds { score } else { 0.0 }
     };
