@@ -187,6 +187,7 @@ fn effort_of(
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
             beside: coordinate.beside,
+            interpolated: [0.0, tool.interpolated],
             ..Aside::default()
         },
     };

@@ -54,7 +54,7 @@ pub struct Aside {
     /// What the floor is at most, in the unit of the effort: the held-out error of the most flexible model, where the noise that the
     /// position seems to have would make more than that. For tables only.
     pub floor_at_most: Option<f64>,
-    /// Of position and effort the mean of `2 u (1 - u)`, where samples of a table were put on the grid between two others, at the share `u` of
+    /// Of position and effort the mean of `2 u (1 - u)`, where samples were put on the grid between two others (of positions in tables only), at the share `u` of
     /// the way: half of what that takes of the power of the fastest noise.
     pub interpolated: [f64; 2],
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.

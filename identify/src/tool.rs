@@ -89,6 +89,8 @@ pub struct ToolSamples {
     pub tcp_from_ft_sensor: Isometry3<f64>,
     /// Number of gaps between the runs.
     pub gaps: usize,
+    /// What reading the wrench between its samples took of its white noise, as [`crate::samples::Aside::interpolated`] has it.
+    pub interpolated: f64,
 }
 
 const MIN_SAMPLES: usize = 50;
@@ -165,6 +167,7 @@ impl ToolSamples {
             wrench: Vec::new(),
             tcp_from_ft_sensor: isometry(&recording.tcp_from_ft_sensor),
             gaps: 0,
+            interpolated: 0.0,
         };
         // A stamp that is years off would ask for years of grid.
         let there = wrench.len() as f64 * wrench.period();
@@ -223,6 +226,7 @@ impl ToolSamples {
             self.rotation.push(tcp.rotation);
         }
         self.gaps = self.runs.len().saturating_sub(1);
+        self.interpolated = wrench.interpolated(&self.time);
     }
 
     fn check(&self, total_s: f64) -> Result<(), AlignError> {

@@ -51,6 +51,15 @@ impl Stream {
         place(&self.samples, t)
     }
 
+    /// What reading at `times` (ascending) takes of white noise, as [`crate::samples::Aside::interpolated`] has it.
+    pub(super) fn interpolated(&self, times: &[f64]) -> f64 {
+        let mut from = times.first().map_or(0, |t| self.place(*t));
+        let part = |t: &f64| Some(bracket(&self.samples, *t, &mut from, self.hole)?.1);
+        let parts: Vec<f64> = times.iter().filter_map(part).collect();
+        let sum: f64 = parts.iter().map(|u| 2.0 * u * (1.0 - u)).sum();
+        sum / parts.len().max(1) as f64
+    }
+
     /// Linear interpolation at `t`; `from` moves along with rising `t`.
     pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<[f64; 6]> {
         let (i, part) = bracket(&self.samples, t, from, self.hole)?;

@@ -80,6 +80,7 @@ impl Seen {
                 wrench: vec![[0.0; 6]; SAMPLES],
                 tcp_from_ft_sensor: Isometry3::identity(),
                 gaps: 0,
+                interpolated: 0.0,
             },
             q: Vec::new(),
             errors: [Vec::new(), Vec::new()],
