@@ -192,7 +192,9 @@ fn searched(
             .iter()
             .any(|candidate| candidate.kind.is(&SPRING));
         if state.effects.is_empty() && may_be {
-            let spring = state.ground.found(&SPRING, Vec::new(), vec![true; 2]);
+            let spring = state
+                .ground
+                .found(&SPRING, Vec::new(), vec![true; SPRING.terms.len()]);
             state.effects.push((spring, UNASKED));
         }
         state.bank.extend(others);
