@@ -9,8 +9,9 @@ use super::score::{Problem, factor, gram};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
+use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::{Kind, kind};
-use crate::effect::load::STRUT;
+use crate::effect::load::{CONSTANT_LOAD, STRUT};
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
@@ -18,6 +19,8 @@ use crate::products::dot;
 
 /// Kinds that only a tare tells apart: on moving samples their regressors agree.
 const ALIAS: (&str, &str) = ("constant_load", "asymmetric_coulomb");
+/// Friction of one way is at most so many times that of the other, or it is a load.
+const MOST_BY_WAY: f64 = 2.0;
 /// Play and a grasp that gives: how pads hit the handle behind their play is in no model, so that either may do for the other.
 const CRUDE: (&str, &str) = ("grasp_compliance", "backlash");
 /// The share of the gain that makes one of these a look-alike of the other: their forms are cruder than that.
@@ -58,6 +61,7 @@ impl State {
             self.effects = as_was;
         }
         self.simplify_loads()?;
+        self.name_by_friction()?;
         let as_found = self.effects.clone();
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
@@ -161,6 +165,35 @@ impl State {
             is_table: self.samples.noise_of_q.is_empty(),
             motion: self.ground.motion,
             samples: self.samples,
+        })
+    }
+
+    /// A load and a friction that differs between the ways are the same effort while the joint moves. It is named a load where the friction of one way
+    /// would have to be much larger than that of the other, or drive: rubbing parts hardly do that, and weights and springs do.
+    fn name_by_friction(&mut self) -> Result<(), DynamicsError> {
+        let theta = self.fit()?.theta;
+        let (coulomb, mut at) = (theta[1], 3);
+        let mut renamed = self.effects.clone();
+        for (found, _) in &mut renamed {
+            let own = theta.as_slice().get(at).copied().unwrap_or(0.0);
+            at += found.terms().count();
+            let friction = match found.kind.name {
+                name if name == CONSTANT_LOAD.name => [coulomb - own.abs(), coulomb + own.abs()],
+                name if name == ASYMMETRIC.name => [coulomb, coulomb + own],
+                _ => continue,
+            };
+            *found = if friction[1] > MOST_BY_WAY * friction[0] {
+                self.ground.found(&CONSTANT_LOAD, Vec::new(), vec![true])
+            } else if found.kind.is(&CONSTANT_LOAD) {
+                self.ground
+                    .found(&ASYMMETRIC, vec![own.signum()], vec![true])
+            } else {
+                continue;
+            };
+        }
+        self.unless_worse(|state| {
+            state.effects = renamed;
+            Ok(())
         })
     }
 

@@ -40,7 +40,7 @@ impl State {
     }
 
     /// Does it, and takes it back when the whole model then errs more.
-    fn unless_worse(
+    pub(super) fn unless_worse(
         &mut self,
         change: impl FnOnce(&mut Self) -> Result<(), DynamicsError>,
     ) -> Result<(), DynamicsError> {

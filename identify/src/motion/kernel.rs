@@ -125,11 +125,22 @@ impl Kernel {
         weights.resize(from - wider, 0.0);
         weights.extend_from_slice(&whole);
         weights.resize(to.max(run.end.min(last + reach + 1)) - wider, 0.0);
-        for i in (first..=last).filter(|&i| !slides[i]) {
-            self.each(run, i, |at, weight| {
-                weights[at - wider] -= whole[i - from] * weight
-            });
-        }
+        in_vectors(
+            #[inline(always)]
+            || {
+                for i in (first..=last).filter(|&i| !slides[i]) {
+                    let own = whole[i - from];
+                    if i >= run.start + reach && i + reach < run.end {
+                        let about = &mut weights[i - reach - wider..=i + reach - wider];
+                        for (weight, by) in about.iter_mut().zip(&self.both_ways) {
+                            *weight -= own * by;
+                        }
+                    } else {
+                        self.each(run, i, |at, by| weights[at - wider] -= own * by);
+                    }
+                }
+            },
+        );
         wider
     }
 

@@ -1,7 +1,8 @@
 //! `cargo run --release -p ft-tests --bin speed -- [SECONDS] [SCENARIO]`: the whole identification beside the paper's pipeline in Python
 //! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines.
 //!
-//! Python gets the streams as arrays and need not read the MCAP file; ours begins with the file. PyTorch on as many threads as it
+//! Both begin with the streams in memory, Python with arrays and ours with what was read of the MCAP file, whose reading has its own line;
+//! all of `ft-identify` begins with the file. PyTorch on as many threads as it
 //! chooses and, where that is another number, on all processors: on two that share a core it takes longer than on one.
 //! Debian's `python3-torch` is needed.
 
@@ -36,6 +37,8 @@ fn main() -> Result<(), Failure> {
 
     let (started, mut lap) = (Instant::now(), Vec::new());
     let recording = Recording::load(&file, &map)?;
+    lap.push(("ours, reading the file", started.elapsed()));
+    let started = Instant::now();
     let samples = joint_samples(&recording, &settings)?;
     let shared = started.elapsed();
     let spline = Instant::now();
