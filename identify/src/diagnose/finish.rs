@@ -169,30 +169,24 @@ impl State {
     }
 
     /// A load and a friction that differs between the ways are the same effort while the joint moves. It is named a load where the friction of one way
-    /// would have to be much larger than that of the other, or drive: rubbing parts hardly do that, and weights and springs do.
+    /// would have to be much larger than that of the other: rubbing parts hardly do that, and weights and springs do.
     fn name_by_friction(&mut self) -> Result<(), DynamicsError> {
+        let has = |kind: &Kind| self.bank.iter().any(|c| c.kind.is(kind));
+        let by_way = |(found, _): &(Found, f64)| found.kind.is(&ASYMMETRIC);
+        let Some(i) = self.effects.iter().position(by_way) else {
+            return Ok(());
+        };
+        if !has(&CONSTANT_LOAD) || !self.ground.curve.is_empty() {
+            return Ok(());
+        }
+        let before = self.effects[..i].iter();
+        let own = 3 + before.map(|(f, _)| f.terms().count()).sum::<usize>();
         let theta = self.fit()?.theta;
-        let (coulomb, mut at) = (theta[1], 3);
-        let mut renamed = self.effects.clone();
-        for (found, _) in &mut renamed {
-            let own = theta.as_slice().get(at).copied().unwrap_or(0.0);
-            at += found.terms().count();
-            let friction = match found.kind.name {
-                name if name == CONSTANT_LOAD.name => [coulomb - own.abs(), coulomb + own.abs()],
-                name if name == ASYMMETRIC.name => [coulomb, coulomb + own],
-                _ => continue,
-            };
-            *found = if friction[1] > MOST_BY_WAY * friction[0] {
-                self.ground.found(&CONSTANT_LOAD, Vec::new(), vec![true])
-            } else if found.kind.is(&CONSTANT_LOAD) {
-                self.ground
-                    .found(&ASYMMETRIC, vec![own.signum()], vec![true])
-            } else {
-                continue;
-            };
+        if theta[1] + theta[own] <= MOST_BY_WAY * theta[1] {
+            return Ok(());
         }
         self.unless_worse(|state| {
-            state.effects = renamed;
+            state.effects[i].0 = state.ground.found(&CONSTANT_LOAD, Vec::new(), vec![true]);
             Ok(())
         })
     }

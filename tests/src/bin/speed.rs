@@ -110,7 +110,7 @@ struct Peer {
     threads: usize,
     samples: u64,
     epochs: u64,
-    /// Of all steps.
+    /// Of all steps but reading.
     seconds: f64,
     /// The seconds of each.
     steps: String,
@@ -140,7 +140,11 @@ fn python(folder: &Path, training: &Training, threads: Option<usize>) -> Result<
         threads: usize::try_from(count("threads")?)?,
         samples: count("samples")?,
         epochs: count("epochs")?,
-        seconds: steps.values().filter_map(serde_json::Value::as_f64).sum(),
+        seconds: steps
+            .iter()
+            .filter(|(name, _)| *name != "read")
+            .filter_map(|(_, value)| value.as_f64())
+            .sum(),
         steps: join(steps),
     })
 }

@@ -1,0 +1,108 @@
+//! What the model lacks, of drawers that a program in C integrates (`peers/joint.c`), which shares no formula with this project: two tables of
+//! each, of which the second confirms what the first shows.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::path::Path;
+use std::process::Command;
+
+use ft_tests::{programs, workspace_root};
+use tempfile::tempdir;
+
+/// What is put in, what is to be named, the verdict.
+struct Case(&'static str, &'static [&'static str], &'static str);
+
+/// What the library has names for, alone and in twos, and what it has none for.
+const CASES: [Case; 18] = [
+    Case("none", &[], "explained"),
+    Case("spring", &["spring"], "explained"),
+    Case("constant_load", &["constant_load"], "explained"),
+    Case("stribeck", &["stribeck"], "explained"),
+    Case("presliding", &["presliding"], "explained"),
+    Case("detent", &["detent"], "explained"),
+    Case("catch", &["catch"], "explained"),
+    Case("ripple", &["ripple"], "explained"),
+    Case("quadratic_drag", &["quadratic_drag"], "explained"),
+    Case("asymmetric_viscous", &["asymmetric_viscous"], "explained"),
+    Case(
+        "position_dependent_friction",
+        &["position_dependent_friction"],
+        "explained",
+    ),
+    Case("friction_drift", &["friction_drift"], "explained"),
+    Case("spring+stribeck", &["spring", "stribeck"], "explained"),
+    Case("detent+presliding", &["detent", "presliding"], "explained"),
+    Case(
+        "spring+position_dependent_friction",
+        &["spring", "position_dependent_friction"],
+        "explained",
+    ),
+    Case("root", &[], "unexplained"),
+    Case("brake", &["position_dependent_friction"], "unexplained"),
+    Case("hardening", &["spring"], "unexplained"),
+];
+
+/// Seeds of drawers; the next one confirms.
+const SEEDS: [u32; 2] = [10, 12];
+
+/// Writes a table and gives mass, Coulomb and viscous friction.
+fn table(joint: &Path, effects: &str, seed: u32, to: &Path) -> [f64; 3] {
+    let done = Command::new(joint)
+        .args([effects, &seed.to_string()])
+        .output()
+        .unwrap();
+    assert!(done.status.success(), "{done:?}");
+    std::fs::write(to, &done.stdout).unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    let numbers: Vec<f64> = told
+        .split_whitespace()
+        .map(|n| n.parse().unwrap())
+        .collect();
+    numbers.try_into().unwrap()
+}
+
+#[test]
+fn what_another_simulator_puts_in_is_named() {
+    let folder = tempdir().unwrap();
+    let joint = folder.path().join("joint");
+    let built = Command::new("cc")
+        .args(["-O2", "-o"])
+        .arg(&joint)
+        .arg(workspace_root().join("tests/peers/joint.c"))
+        .arg("-lm")
+        .status();
+    assert!(built.unwrap().success(), "cc cannot build joint.c");
+    for Case(effects, wanted, verdict) in CASES {
+        for seed in SEEDS {
+            let [first, second] = ["first.csv", "second.csv"].map(|name| folder.path().join(name));
+            let truth = table(&joint, effects, seed, &first);
+            table(&joint, effects, seed + 1, &second);
+            let arguments = "table first.csv --confirm second.csv --time t --position q --effort f --kind prismatic --force --json -o out";
+            let arguments: Vec<&str> = arguments.split(' ').collect();
+            let found = programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
+            let report = found.json();
+            let named: Vec<&str> = report["effects"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|effect| effect["name"].as_str().unwrap())
+                .collect();
+            let last = &report["final"];
+            let said = (named.as_slice(), last["verdict"].as_str());
+            assert_eq!(said, (wanted, Some(verdict)), "{effects}, seed {seed}");
+            if verdict != "explained" {
+                continue;
+            }
+            // What grows along the way is counted from the lowest place that was probed, two hundredths of the range from where it begins here.
+            let grows = wanted.contains(&"position_dependent_friction");
+            let allowed = [0.005, if grows { 0.03 } else { 0.005 }, 0.01];
+            let terms = last["terms"].as_array().unwrap();
+            for ((term, truth), allowed) in terms.iter().zip(truth).zip(allowed) {
+                let off = term["value"].as_f64().unwrap() / truth - 1.0;
+                assert!(
+                    off.abs() < allowed,
+                    "{effects}, seed {seed}: {term}, put in {truth}"
+                );
+            }
+        }
+    }
+}
