@@ -42,6 +42,11 @@ fn main() -> std::io::Result<()> {
             jobs.extend(each_of(vec![trial], first..first + seeds));
         }
     }
+    // Before the work, so that none is lost to a folder that cannot be.
+    if let Err(error) = std::fs::create_dir_all(&folder) {
+        eprintln!("no folder {}: {error}", folder.display());
+        std::process::exit(1);
+    }
     objects.retain(|object| names.is_empty() || names.contains(&object.name));
     let total = jobs.len();
     let done = AtomicUsize::new(0);
@@ -73,7 +78,6 @@ fn main() -> std::io::Result<()> {
     });
     let names: Vec<&str> = objects.iter().map(|object| object.name.as_str()).collect();
     let text = markdown(&results, &names);
-    std::fs::create_dir_all(&folder)?;
     std::fs::write(folder.join("study.md"), &text)?;
     std::fs::write(folder.join("inertia.svg"), inertia_plot(&results))?;
     print!("{text}");
