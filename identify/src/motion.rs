@@ -437,8 +437,9 @@ impl Motion {
             }));
         }
         let mut sliding = series.to_vec();
+        let seen = self.kernel.reached(&self.kept, series.len());
         self.smoother
-            .take_off(&self.runs, &self.slides, series, &mut sliding);
+            .take_off(&self.runs, (&seen, &self.slides), series, &mut sliding);
         Ok(self.kernel.filtered(&self.runs, &self.kept, &sliding))
     }
 

@@ -167,21 +167,40 @@ impl Kernel {
         out
     }
 
-    /// Takes off `out`, a copy of `series`, what the filter leaves of it at the samples of `runs` that are not of `slides`.
+    /// The first so many samples of which the filtered series at the samples `kept` (ascending) is made.
+    pub(super) fn reached(&self, kept: &[usize], samples: usize) -> Vec<Range<usize>> {
+        let reach = self.weights.len() - 1;
+        let mut out: Vec<Range<usize>> = Vec::new();
+        for &at in kept {
+            let about = at.saturating_sub(reach)..samples.min(at + reach + 1);
+            match out.last_mut() {
+                Some(last) if about.start <= last.end => last.end = about.end,
+                _ => out.push(about),
+            }
+        }
+        out
+    }
+
+    /// Takes off `out`, a copy of `series`, what the filter leaves of it at the samples of `parts` (ascending) that are not of `slides`.
     pub(super) fn take_off(
         &self,
         runs: &[Range<usize>],
-        slides: &[bool],
+        (parts, slides): (&[Range<usize>], &[bool]),
         series: &[f64],
         out: &mut [f64],
     ) {
         in_vectors(
             #[inline(always)]
             || {
-                for run in runs {
-                    for i in run.clone().filter(|&i| !slides[i]) {
-                        out[i] -= self.at(run, i, series);
+                let mut run = 0;
+                for i in parts.iter().flat_map(Range::clone) {
+                    if slides[i] {
+                        continue;
                     }
+                    while run + 1 < runs.len() && i >= runs[run].end {
+                        run += 1;
+                    }
+                    out[i] -= self.at(&runs[run], i, series);
                 }
             },
         );

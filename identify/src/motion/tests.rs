@@ -209,6 +209,26 @@ fn single_samples_are_filtered_as_the_whole_series() {
 }
 
 #[test]
+fn rests_that_no_kept_sample_sees_are_left_as_they_are() {
+    let mut samples = sine(16.0, 1000.0, 0.4);
+    let stays = samples.q[10_000];
+    samples.q[10_000..].fill(stays);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let series: Vec<f64> = motion.time.iter().map(|t| (3.0 * t).sin()).collect();
+    let whole = 0..series.len();
+    let seen = motion.kernel.reached(&motion.kept, series.len());
+    let seen = seen.iter().map(core::iter::ExactSizeIterator::len);
+    assert!(seen.sum::<usize>() < series.len() * 3 / 4);
+    let mut all = series.clone();
+    let parts = (core::slice::from_ref(&whole), &motion.slides[..]);
+    motion
+        .smoother
+        .take_off(&motion.runs, parts, &series, &mut all);
+    let all = motion.kernel.filtered(&motion.runs, &motion.kept, &all);
+    assert_eq!(all, motion.regressor(&series).unwrap());
+}
+
+#[test]
 fn columns_that_come_and_go_are_filtered_like_whole_series() {
     // Two runs, of which the second begins in the midst of a stroke.
     let mut samples = sine(10.0, 1000.0, 0.4);
