@@ -14,16 +14,18 @@ mod cover;
 mod gate;
 mod kernel;
 mod quiet;
+mod rows;
+mod sparse;
 mod stroke;
 mod turn;
 mod visits;
 
-pub use kernel::SparseColumns;
+pub use sparse::SparseColumns;
 pub use stroke::strokes;
 
 use core::ops::Range;
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use nalgebra::DMatrix;
 
@@ -150,6 +152,23 @@ pub struct Motion {
     /// `smoothing` as weights.
     smoother: kernel::Kernel,
     smoothed_tau: OnceLock<Vec<f64>>,
+    rows: Made,
+}
+
+/// What was last made of `kept` and `slides`, which may change.
+#[derive(Debug, Default)]
+struct Made(Mutex<Option<Arc<rows::Rows>>>);
+
+impl Clone for Made {
+    fn clone(&self) -> Self {
+        Self(Mutex::new(self.last().clone()))
+    }
+}
+
+impl Made {
+    fn last(&self) -> MutexGuard<'_, Option<Arc<rows::Rows>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// An instant at which the tool slid on the handle.
@@ -213,6 +232,11 @@ impl Motion {
         let (mut motion, ..) = Self::smoothed_states(samples, settings)?;
         motion.kept.clone_from(&self.kept);
         motion.slides.clone_from(&self.slides);
+        if (&motion.kernel, &motion.smoother, &motion.runs)
+            == (&self.kernel, &self.smoother, &self.runs)
+        {
+            motion.rows = self.rows.clone();
+        }
         Ok(motion)
     }
 
@@ -299,6 +323,7 @@ impl Motion {
             smoothing: smooth_filter,
             filter,
             smoothed_tau: OnceLock::new(),
+            rows: Made::default(),
         };
         Ok((motion, work.beside, cutoff))
     }
@@ -436,22 +461,25 @@ impl Motion {
                 needed: self.q.len(),
             }));
         }
-        let mut sliding = series.to_vec();
-        let seen = self.kernel.reached(&self.kept, series.len());
-        self.smoother
-            .take_off(&self.runs, (&seen, &self.slides), series, &mut sliding);
-        Ok(self.kernel.filtered(&self.runs, &self.kept, &sliding))
+        Ok(self.rows().filtered(series))
     }
 
     /// Regressors that are zero nearly everywhere, as [`Motion::regressor`]; (kept samples, `columns`).
     #[must_use]
     pub fn sparse_regressor(&self, entries: &SparseColumns, columns: usize) -> DMatrix<f64> {
-        entries.filtered(
-            &self.kernel,
-            &self.runs,
-            (&self.kept, &self.slides, &self.smoother),
-            columns,
-        )
+        entries.filtered(&self.rows(), columns)
+    }
+
+    fn rows(&self) -> Arc<rows::Rows> {
+        let made = self.rows.last().clone();
+        let made = made.filter(|rows| rows.is_of(&self.kept, &self.slides));
+        made.unwrap_or_else(|| {
+            let kernels = [&self.kernel, &self.smoother];
+            let rows = rows::Rows::of(kernels, &self.runs, &self.kept, &self.slides);
+            let rows = Arc::new(rows);
+            *self.rows.last() = Some(Arc::clone(&rows));
+            rows
+        })
     }
 
     /// First derivative of a series at the work rate, run by run.

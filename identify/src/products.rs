@@ -7,7 +7,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::DMatrix;
 
 /// Sums that are carried side by side.
-const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Runs `f`, compiled for the widest vectors of the processor.
 #[inline(always)]

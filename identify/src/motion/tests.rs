@@ -208,24 +208,49 @@ fn single_samples_are_filtered_as_the_whole_series() {
     }
 }
 
+/// A series through a kernel at one sample, summed one by one.
+fn through(kernel: &kernel::Kernel, runs: &[Range<usize>], at: usize, series: &[f64]) -> f64 {
+    let run = runs.iter().find(|run| run.contains(&at)).unwrap();
+    let mut sum = 0.0;
+    kernel.each(run, at, |i, weight| sum += weight * series[i]);
+    sum
+}
+
 #[test]
-fn rests_that_no_kept_sample_sees_are_left_as_they_are() {
+fn a_regressor_is_what_its_two_filters_make_one_after_the_other() {
+    // Runs that begin and end in motion, one shorter than the filters reach; the joint rests at last.
     let mut samples = sine(16.0, 1000.0, 0.4);
-    let stays = samples.q[10_000];
-    samples.q[10_000..].fill(stays);
-    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
-    let series: Vec<f64> = motion.time.iter().map(|t| (3.0 * t).sin()).collect();
-    let whole = 0..series.len();
-    let seen = motion.kernel.reached(&motion.kept, series.len());
-    let seen = seen.iter().map(core::iter::ExactSizeIterator::len);
-    assert!(seen.sum::<usize>() < series.len() * 3 / 4);
-    let mut all = series.clone();
-    let parts = (core::slice::from_ref(&whole), &motion.slides[..]);
-    motion
-        .smoother
-        .take_off(&motion.runs, parts, &series, &mut all);
-    let all = motion.kernel.filtered(&motion.runs, &motion.kept, &all);
-    assert_eq!(all, motion.regressor(&series).unwrap());
+    let stays = samples.q[12_000];
+    samples.q[12_000..].fill(stays);
+    samples.runs = vec![0..5300, 5300..5900, 5900..samples.q.len()];
+    let mut motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let series: Vec<f64> = (0..motion.q.len())
+        .map(|i| (i as f64 * 0.7).sin() + motion.q[i])
+        .collect();
+    let check = |motion: &Motion| {
+        let sliding: Vec<f64> = (0..series.len())
+            .map(|i| match motion.slides[i] {
+                true => series[i],
+                false => series[i] - through(&motion.smoother, &motion.runs, i, &series),
+            })
+            .collect();
+        let regressor = motion.regressor(&series).unwrap();
+        assert_eq!(regressor.len(), motion.kept.len());
+        for (&i, value) in motion.kept.iter().zip(&regressor) {
+            let expected = through(&motion.kernel, &motion.runs, i, &sliding);
+            assert!((value - expected).abs() < 1e-12, "{i}: {value} {expected}");
+        }
+        regressor
+    };
+    assert!(motion.slides.iter().any(|slides| !slides));
+    let before = check(&motion);
+    // Other samples and other rests are seen at once, in a clone too.
+    let other = motion.clone();
+    motion.kept.truncate(100);
+    assert_eq!(check(&motion), before[..100]);
+    motion.slides[..1000].fill(false);
+    assert_ne!(check(&motion), before[..100]);
+    assert_eq!(check(&other), before);
 }
 
 #[test]
