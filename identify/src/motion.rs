@@ -155,7 +155,7 @@ pub struct Motion {
     rows: Made,
 }
 
-/// What was last made of `kept` and `slides`, which may change.
+/// What was last made of `runs`, `kept` and `slides`, which may change.
 #[derive(Debug, Default)]
 struct Made(Mutex<Option<Arc<rows::Rows>>>);
 
@@ -232,11 +232,9 @@ impl Motion {
         let (mut motion, ..) = Self::smoothed_states(samples, settings)?;
         motion.kept.clone_from(&self.kept);
         motion.slides.clone_from(&self.slides);
-        if (&motion.kernel, &motion.smoother, &motion.runs)
-            == (&self.kernel, &self.smoother, &self.runs)
-        {
-            motion.rows = self.rows.clone();
-        }
+        // Their filters are the same but for how a rate was rounded.
+        (motion.kernel, motion.smoother) = (self.kernel.clone(), self.smoother.clone());
+        motion.rows = self.rows.clone();
         Ok(motion)
     }
 
@@ -471,15 +469,18 @@ impl Motion {
     }
 
     fn rows(&self) -> Arc<rows::Rows> {
-        let made = self.rows.last().clone();
-        let made = made.filter(|rows| rows.is_of(&self.kept, &self.slides));
-        made.unwrap_or_else(|| {
-            let kernels = [&self.kernel, &self.smoother];
-            let rows = rows::Rows::of(kernels, &self.runs, &self.kept, &self.slides);
-            let rows = Arc::new(rows);
-            *self.rows.last() = Some(Arc::clone(&rows));
-            rows
-        })
+        // Who comes meanwhile waits for what is made.
+        let mut last = self.rows.last();
+        let made = last.take();
+        let rows = made
+            .filter(|rows| rows.is_of(&self.runs, &self.kept, &self.slides))
+            .unwrap_or_else(|| {
+                let kernels = [&self.kernel, &self.smoother];
+                let rows = rows::Rows::of(kernels, &self.runs, &self.kept, &self.slides);
+                Arc::new(rows)
+            });
+        *last = Some(Arc::clone(&rows));
+        rows
     }
 
     /// First derivative of a series at the work rate, run by run.

@@ -6,7 +6,7 @@ use crate::filter::{FilterError, LowPass};
 use crate::products::in_vectors;
 
 /// The zero-phase filter as weights.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub(super) struct Kernel {
     /// By distance, in samples.
     weights: Vec<f64>,
@@ -86,46 +86,36 @@ impl Kernel {
         }
     }
 
-    /// Fills `weights` with those of the samples about `at`, and gives the first of these samples.
-    pub(super) fn weights_about(
-        &self,
-        run: &Range<usize>,
-        at: usize,
-        weights: &mut Vec<f64>,
-    ) -> usize {
+    /// The first of the samples about `at`, and the weights of all of them.
+    pub(super) fn weights_about(&self, run: &Range<usize>, at: usize) -> (usize, Vec<f64>) {
         let reach = self.weights.len() - 1;
         let from = run.start.max(at.saturating_sub(reach));
-        weights.clear();
         if from + reach == at && at + reach < run.end {
-            weights.extend_from_slice(&self.both_ways);
-        } else {
-            weights.resize(run.end.min(at + reach + 1) - from, 0.0);
-            self.each(run, at, |i, weight| weights[i - from] += weight);
+            return (from, self.both_ways.clone());
         }
-        from
+        let mut weights = vec![0.0; run.end.min(at + reach + 1) - from];
+        self.each(run, at, |i, weight| weights[i - from] += weight);
+        (from, weights)
     }
 
-    /// Makes `weights` of the samples from `from` on those of a series without what this filter leaves of it at rest, and gives the
-    /// first of the samples that they then reach.
+    /// Of the weights of the samples from `from` on, those of a series without what this filter leaves of it at rest, which reach farther;
+    /// the first of the samples comes before them.
     pub(super) fn without_rests(
         &self,
         run: &Range<usize>,
         slides: &[bool],
         from: usize,
-        weights: &mut Vec<f64>,
-    ) -> usize {
-        let to = from + weights.len();
+        whole: Vec<f64>,
+    ) -> (usize, Vec<f64>) {
+        let to = from + whole.len();
         let Some(first) = (from..to).find(|&i| !slides[i]) else {
-            return from;
+            return (from, whole);
         };
         let last = (first..to).rfind(|&i| !slides[i]).unwrap_or(first);
         let reach = self.weights.len() - 1;
         let wider = from.min(run.start.max(first.saturating_sub(reach)));
-        let whole = weights.clone();
-        weights.clear();
-        weights.resize(from - wider, 0.0);
-        weights.extend_from_slice(&whole);
-        weights.resize(to.max(run.end.min(last + reach + 1)) - wider, 0.0);
+        let mut weights = vec![0.0; to.max(run.end.min(last + reach + 1)) - wider];
+        weights[from - wider..to - wider].copy_from_slice(&whole);
         in_vectors(
             #[inline(always)]
             || {
@@ -142,6 +132,6 @@ impl Kernel {
                 }
             },
         );
-        wider
+        (wider, weights)
     }
 }

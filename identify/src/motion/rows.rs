@@ -7,22 +7,20 @@ use crate::parallel::in_parallel;
 use crate::products::{LANES, dot_inline, in_vectors};
 
 /// What makes a regressor of a series at the samples that fits use: the weights of a kernel there, on a series without what a smoother
-/// leaves of it where the joint rests.
+/// leaves of it where the joint rests. Weights are zeros where they fill up whole vectors, which may go over the end of a run.
 #[derive(Debug)]
 pub(super) struct Rows {
+    runs: Vec<Range<usize>>,
     kept: Vec<usize>,
     slides: Vec<bool>,
     /// For each kept sample the first that counts, and its weights' place in `weights`.
-    pub(super) rows: Vec<(usize, Range<usize>)>,
-    /// Those of a sample that sees no rest and no end come first: most have them.
+    pub(super) places: Vec<(usize, Range<usize>)>,
+    /// First those that all samples have which see no rest and no end.
     pub(super) weights: Vec<f64>,
 }
 
-/// Samples whose weights, or whose rows of a matrix, are made in one go.
-pub(super) const TOGETHER: usize = 16;
-
 impl Rows {
-    /// At the samples `kept` (ascending) of `runs`; the joint rests where it does not slide.
+    /// At the samples `kept` of `runs`; the joint rests where it does not slide.
     pub(super) fn of(
         [kernel, smoother]: [&Kernel; 2],
         runs: &[Range<usize>],
@@ -30,41 +28,34 @@ impl Rows {
         slides: &[bool],
     ) -> Self {
         let common = kernel.both_ways.len().next_multiple_of(LANES);
-        let parts: Vec<&[usize]> = kept.chunks(TOGETHER).collect();
-        let parts = in_parallel(&parts, |part| {
-            let own = part.iter().map(|&at| {
-                let run = &runs[runs.partition_point(|run| run.end <= at)];
-                let mut weights = Vec::new();
-                let from = kernel.weights_about(run, at, &mut weights);
-                let from = smoother.without_rests(run, slides, from, &mut weights);
-                let is_common = weights == kernel.both_ways && from + common <= slides.len();
-                (from, (!is_common).then_some(weights))
-            });
-            own.collect::<Vec<_>>()
+        let each = in_parallel(kept, |&at| {
+            let run = &runs[runs.partition_point(|run| run.end <= at)];
+            let (from, weights) = kernel.weights_about(run, at);
+            let (from, weights) = smoother.without_rests(run, slides, from, weights);
+            let is_common = weights == kernel.both_ways && from + common <= slides.len();
+            (from, (!is_common).then_some(weights))
         });
-        let rows = parts.iter().flatten();
-        let own: usize = rows
-            .flat_map(|(_, own)| own)
-            .map(|own| own.len() + LANES)
-            .sum();
+        let own = each.iter().filter_map(|(_, own)| own.as_ref());
+        let own: usize = own.map(|own| own.len() + LANES).sum();
         let mut all = Self {
+            runs: runs.to_vec(),
             kept: kept.to_vec(),
             slides: slides.to_vec(),
-            rows: Vec::with_capacity(kept.len()),
+            places: Vec::with_capacity(kept.len()),
             weights: Vec::with_capacity(common + own),
         };
         all.weights.extend_from_slice(&kernel.both_ways);
         all.weights.resize(common, 0.0);
-        for (from, own) in parts.into_iter().flatten() {
+        for (from, own) in each {
             match own {
                 Some(weights) => all.push(from, &weights),
-                None => all.rows.push((from, 0..common)),
+                None => all.places.push((from, 0..common)),
             }
         }
         all
     }
 
-    /// Adds the weights of the next sample, with zeros where they make whole vectors.
+    /// Adds the weights of the next sample, with zeros behind them, or before where the series ends.
     fn push(&mut self, from: usize, weights: &[f64]) {
         let more = weights.len().next_multiple_of(LANES) - weights.len();
         let (before, behind) = if from + weights.len() + more <= self.slides.len() {
@@ -76,21 +67,21 @@ impl Rows {
         self.weights.resize(begin + before, 0.0);
         self.weights.extend_from_slice(weights);
         self.weights.resize(self.weights.len() + behind, 0.0);
-        self.rows.push((from - before, begin..self.weights.len()));
+        self.places.push((from - before, begin..self.weights.len()));
     }
 
     /// Whether it is of these samples and rests.
-    pub(super) fn is_of(&self, kept: &[usize], slides: &[bool]) -> bool {
-        self.kept == kept && self.slides == slides
+    pub(super) fn is_of(&self, runs: &[Range<usize>], kept: &[usize], slides: &[bool]) -> bool {
+        self.runs == runs && self.kept == kept && self.slides == slides
     }
 
     /// The regressor of a series.
     pub(super) fn filtered(&self, series: &[f64]) -> Vec<f64> {
-        let mut out = Vec::with_capacity(self.rows.len());
+        let mut out = Vec::with_capacity(self.places.len());
         in_vectors(
             #[inline(always)]
             || {
-                for (from, weights) in &self.rows {
+                for (from, weights) in &self.places {
                     let weights = &self.weights[weights.clone()];
                     out.push(dot_inline(weights, &series[*from..*from + weights.len()]));
                 }

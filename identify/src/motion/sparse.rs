@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use nalgebra::DMatrix;
 
-use super::rows::{Rows, TOGETHER};
+use super::rows::Rows;
 use crate::parallel::in_parallel;
 use crate::products::in_vectors;
 
@@ -26,6 +26,8 @@ struct Stretch {
     columns: Range<usize>,
 }
 
+/// Rows of a matrix that are made in one go.
+const TOGETHER: usize = 16;
 /// Values of a level.
 const WIDTH: usize = 4;
 
@@ -83,7 +85,7 @@ impl SparseColumns {
 
     /// Their regressors: (kept samples, columns).
     pub(super) fn filtered(&self, rows: &Rows, columns: usize) -> DMatrix<f64> {
-        let parts: Vec<&[(usize, Range<usize>)]> = rows.rows.chunks(TOGETHER).collect();
+        let parts: Vec<&[(usize, Range<usize>)]> = rows.places.chunks(TOGETHER).collect();
         let parts = in_parallel(&parts, |part| {
             let mut out = vec![0.0; part.len() * columns];
             for ((from, weights), out) in part.iter().zip(out.chunks_exact_mut(columns.max(1))) {
@@ -99,7 +101,7 @@ impl SparseColumns {
             out
         });
         // A matrix is stored column by column.
-        let mut out = DMatrix::zeros(rows.rows.len(), columns);
+        let mut out = DMatrix::zeros(rows.places.len(), columns);
         for (first, rows) in (0..).step_by(TOGETHER).zip(&parts) {
             for (j, mut column) in out.column_iter_mut().enumerate() {
                 let rows = rows.iter().skip(j).step_by(columns);

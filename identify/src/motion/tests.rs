@@ -218,11 +218,17 @@ fn through(kernel: &kernel::Kernel, runs: &[Range<usize>], at: usize, series: &[
 
 #[test]
 fn a_regressor_is_what_its_two_filters_make_one_after_the_other() {
-    // Runs that begin and end in motion, one shorter than the filters reach; the joint rests at last.
-    let mut samples = sine(16.0, 1000.0, 0.4);
-    let stays = samples.q[12_000];
-    samples.q[12_000..].fill(stays);
-    samples.runs = vec![0..5300, 5300..5900, 5900..samples.q.len()];
+    // Quick strokes, one that is longer than the filters reach, quick ones; runs that begin and end in motion, one of a second.
+    let mut samples = sine(15.6, 1000.0, 0.4);
+    for (q, t) in samples.q.iter_mut().zip(&samples.time) {
+        let turns = match *t {
+            t if t < 6.0 => t,
+            t if t < 12.0 => (t - 6.0) / 6.0,
+            t => t - 11.0,
+        };
+        *q = 0.4 * (1.0 - (PI * turns).cos());
+    }
+    samples.runs = vec![0..5300, 5300..6400, 6400..samples.q.len()];
     let mut motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
     let series: Vec<f64> = (0..motion.q.len())
         .map(|i| (i as f64 * 0.7).sin() + motion.q[i])
@@ -242,8 +248,16 @@ fn a_regressor_is_what_its_two_filters_make_one_after_the_other() {
         }
         regressor
     };
+    assert_eq!(motion.runs.len(), 3);
     assert!(motion.slides.iter().any(|slides| !slides));
     let before = check(&motion);
+    // Some samples see no rest and no end, some see the end of the series.
+    let (rows, samples) = (motion.rows(), series.len());
+    let common = rows.places.iter().filter(|(_, at)| at.start == 0).count();
+    assert!((1..rows.places.len()).contains(&common), "{common}");
+    let ends = |(from, at): &(usize, Range<usize>)| from + at.len() == samples;
+    assert!(rows.places.iter().any(ends));
+    assert!(rows.weights.len().is_multiple_of(crate::products::LANES));
     // Other samples and other rests are seen at once, in a clone too.
     let other = motion.clone();
     motion.kept.truncate(100);
