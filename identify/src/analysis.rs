@@ -22,6 +22,7 @@ use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel_on;
+use crate::payload::is_another;
 use crate::samples::JointSamples;
 use crate::screw::JointKind;
 
@@ -275,6 +276,11 @@ fn aligned(
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
     let (samples, motion, mut lag) = align(&diagnosis.samples, settings, &effects)?;
+    // Free air, where nothing gives, knows better.
+    let late = diagnosis.samples.aside.late;
+    if let Some(lag) = &mut lag {
+        lag.applied &= late.is_none_or(|late| !is_another(lag.value_s, late));
+    }
     if let Some(lag) = lag.as_mut().filter(|lag| lag.applied) {
         let before = diagnosis.model.held_out_rms;
         let (samples, motion) = (

@@ -476,6 +476,15 @@ impl EffortModel {
         }
     }
 
+    /// Adds a standard deviation to that of inertia: what is not known of the tool's own.
+    pub fn widen_inertia(&mut self, std: f64) {
+        if let Some(i) = self.terms.iter().position(|term| term.name == "inertia") {
+            self.covariance[(i, i)] += std * std;
+            let term = &mut self.terms[i];
+            term.std = term.std.map(|own| own.hypot(std));
+        }
+    }
+
     /// Takes back an inertia of which the tracker's noise takes the share given.
     fn withdraw_inertia(&mut self, share: f64) {
         let inertia = |term: &&mut Term| term.name == "inertia";
@@ -530,6 +539,13 @@ impl EffortModel {
 }
 
 impl JointFit {
+    /// As [`EffortModel::widen_inertia`].
+    pub fn widen_inertia(&mut self, std: f64) {
+        for term in self.terms.iter_mut().filter(|term| term.name == "inertia") {
+            term.std = term.std.map(|own| own.hypot(std));
+        }
+    }
+
     /// As [`EffortModel::widen_for_lever`].
     pub fn widen_for_lever(&mut self, lever: f64) {
         for term in &mut self.terms {

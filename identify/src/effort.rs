@@ -184,6 +184,7 @@ fn effort_of(
         noise_of_q: coordinate.noise,
         aside: Aside {
             lean: lean(&axis, tool_position, joint.direction_std),
+            most_weight: most_weight(&axis, tool_position, joint.direction_std),
             lies: axis.kind == JointKind::Revolute
                 && off_upright(&axis) - 5.0 * joint.direction_std > MOST_LEAN,
             beside: coordinate.beside,
@@ -219,6 +220,7 @@ fn effort_of(
     samples.aside.tool = work.own;
     samples.aside.tool_inertia = work.tool_inertia;
     samples.aside.offset_std = work.offset_std;
+    samples.aside.late = payload.and_then(|payload| payload.late_s);
     Ok(JointEffort {
         samples,
         axis,
@@ -282,6 +284,21 @@ fn lean(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<Lean>
         lowest: (-up.cross(&arm).z).atan2(-arm.z),
     })
 }
+
+/// See [`Aside::most_weight`]: a part of the handle's reach `r` weighs 1.5 g / r of its inertia when it is a panel, and with much of it near the hinge
+/// more.
+fn most_weight(axis: &ScrewAxis, tool_position: Vector3<f64>, std: f64) -> Option<f64> {
+    let leans = off_upright(axis) + 5.0 * std + UPRIGHT_TO;
+    if axis.kind != JointKind::Revolute || leans > MOST_LEAN {
+        return None;
+    }
+    let reach = axis.distance(&tool_position.into());
+    (reach > 0.0).then(|| NEAR_THE_HINGE * 1.5 * GRAVITY / reach * leans.sin())
+}
+
+/// A tracker knows what is up to so much, rad.
+const UPRIGHT_TO: f64 = 0.005;
+const NEAR_THE_HINGE: f64 = 3.0;
 
 /// Angle between an axis and the vertical, rad.
 fn off_upright(axis: &ScrewAxis) -> f64 {

@@ -3,6 +3,7 @@
 use core::ops::Range;
 
 use ft_recording::{Recording, Stamped};
+use nalgebra::Vector3;
 
 use crate::payload::Payload;
 use crate::tool::{ToolKinematics, ToolSamples};
@@ -71,28 +72,33 @@ impl Grasp {
         })
     }
 
-    /// From the contact force with a calibrated tool: from the first to the last time it passes 2 N.
+    /// From the contact force with a calibrated tool: from the first to the last time that its mean over 0.2 s passes 2 N for 0.4 s. The noise of
+    /// accelerations, by which a shaken tool seems to push, goes out of such a mean.
     #[must_use]
     pub fn from_wrench(
         tool: &ToolSamples,
         kinematics: &ToolKinematics,
         payload: &Payload,
     ) -> Option<Self> {
-        let window = ((0.1 / tool.period) as usize).max(1);
-        let mut touching = Vec::new();
+        let window = ((0.2 / tool.period) as usize).max(1);
+        let mut span: Option<[f64; 2]> = None;
         for run in &tool.runs {
+            let mut before = false;
             for start in run.clone().step_by(window) {
                 let part = start..(start + window).min(run.end);
-                let mean = part
-                    .clone()
-                    .map(|i| payload.contact(tool, kinematics, i)[0].norm())
-                    .sum::<f64>();
-                if mean / part.len() as f64 > TOUCHING_N {
-                    touching.push(tool.time[start]);
+                let count = part.len() as f64;
+                let sum: Vector3<f64> = part.map(|i| payload.contact(tool, kinematics, i)[0]).sum();
+                let touches = sum.norm() / count > TOUCHING_N;
+                if touches && before {
+                    let from = tool.time[start - window];
+                    span = Some(span.map_or([from, tool.time[start]], |[first, _]| {
+                        [first, tool.time[start]]
+                    }));
                 }
+                before = touches;
             }
         }
-        let (first, last) = (*touching.first()?, *touching.last()?);
+        let [first, last] = span?;
         Some(Self {
             source: GraspSource::Wrench,
             closing: closing(tool, first),

@@ -8,19 +8,20 @@
 //! torque = h x s - (Jo dw + w x Jo w) + bias          Jo = J + m (|c|^2 - c c')
 //! ```
 //!
-//! which is linear in m, h and the bias. Both sides go through one zero-phase low-pass. A calibration is a prior; the
-//! inertia J always comes from it (zero without one: about 5 mN m at 5 rad/s^2 for a hand tool).
+//! which is linear in m, h, Jo and the bias. Both sides go through one zero-phase low-pass, the wrench read as much later as it comes after the
+//! pose. A calibration is a prior; without one the inertia J is that of a compact tool, as far as the shaking does not tell.
 
 mod rows;
 
 use core::ops::Range;
 
 use ft_recording::Calibration;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::filter::FilterError;
+use crate::screw::{JointKind, ScrewAxis};
 use crate::tool::{ToolKinematics, ToolSamples};
-use rows::FreeAir;
+use rows::{FreeAir, of_a_point, tensor};
 
 /// Why the tool's own wrench cannot be taken off.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -65,6 +66,9 @@ pub enum PayloadSource {
     Both,
 }
 
+/// Places in a matrix of the six numbers of an inertia: xx xy yy xz yz zz.
+const TENSOR: [(usize, usize); 6] = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)];
+
 /// Mass, first moment, inertia and bias, with standard deviations.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Payload {
@@ -80,6 +84,14 @@ pub struct Payload {
     pub com_std_m: [f64; 3],
     /// Inertia about the centre of mass, kg m^2: xx xy yy xz yz zz.
     pub inertia_kgm2: [f64; 6],
+    /// Its standard deviation, of a calibration.
+    #[serde(skip)]
+    pub(crate) inertia_std: [f64; 6],
+    /// Covariance of mass, first moment and inertia about the sensor's origin, where free air says it.
+    #[serde(skip)]
+    pub(crate) covariance: Option<Box<SMatrix<f64, 10, 10>>>,
+    /// By how much the wrench comes later than the pose, as free air shows it, and the standard deviation, s.
+    pub late_s: Option<(f64, f64)>,
     /// Bias at `bias_at_s`: N, N m.
     pub bias: [f64; 6],
     /// Standard deviation of the bias.
@@ -156,19 +168,25 @@ impl Payload {
             return Ok(Self::calibrated(calibration));
         }
         let free_air = FreeAir::of(tool, kinematics, before)?;
-        let weighed = |start: Option<&Self>, of: Self| -> Result<Self, PayloadError> {
+        let weighed = |start: Option<&Self>, of: Self, late: f64| {
+            let rows = free_air.rows(late);
             let mut payload = of;
             let mut noise = [0.1, 0.005];
             for _ in 0..4 {
-                let rows = free_air.rows(&payload)?;
                 (payload, noise) = rows.fit(&payload, start, noise);
             }
-            Ok(payload)
+            (payload, noise)
         };
         let start = calibration.map(Self::calibrated);
-        let mut payload = weighed(start.as_ref(), start.clone().unwrap_or_else(Self::nothing))?;
+        let begin = || start.clone().unwrap_or_else(Self::nothing);
+        let (mut payload, noise) = weighed(start.as_ref(), begin(), 0.0);
+        let late_s = free_air.late(&payload, start.as_ref(), noise);
+        let late = late_s.filter(is_seen).map_or(0.0, |(late, _)| late);
+        if late != 0.0 {
+            payload = weighed(start.as_ref(), begin(), late).0;
+        }
         if let Some(start) = start {
-            let alone = weighed(None, start.clone())?;
+            let (alone, _) = weighed(None, start.clone(), late);
             let apart = (alone.mass_kg - start.mass_kg).abs();
             if apart > CONTRADICTS * alone.mass_std_kg.hypot(start.mass_std_kg) {
                 payload = Self {
@@ -177,6 +195,7 @@ impl Payload {
                 };
             }
         }
+        payload.late_s = late_s;
         payload.bias_at_s = Some(mean_time(tool, before));
         if payload.source == PayloadSource::FreeAir && payload.mass_std_kg > NEEDED_MASS_STD_KG {
             return Err(PayloadError::NotExcited {
@@ -322,6 +341,9 @@ impl Payload {
             com_m: calibration.payload_com_m.value,
             com_std_m: calibration.payload_com_m.std,
             inertia_kgm2: calibration.payload_inertia_kgm2.value,
+            inertia_std: calibration.payload_inertia_kgm2.std,
+            covariance: None,
+            late_s: None,
             bias: bias.map_or([0.0; 6], |bias| bias.value),
             bias_std,
             bias_at_s: None,
@@ -340,6 +362,9 @@ impl Payload {
             com_m: [0.0; 3],
             com_std_m: [f64::INFINITY; 3],
             inertia_kgm2: [0.0; 6],
+            inertia_std: [0.0; 6],
+            covariance: None,
+            late_s: None,
             bias: [0.0; 6],
             bias_std: [f64::INFINITY; 6],
             bias_at_s: None,
@@ -351,10 +376,30 @@ impl Payload {
     }
 
     fn inertia_at_origin(&self) -> Matrix3<f64> {
-        let [xx, xy, yy, xz, yz, zz] = self.inertia_kgm2;
-        let c = Vector3::from(self.com_m);
-        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
-            + (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * self.mass_kg
+        tensor(self.inertia_kgm2) + of_a_point(self.mass_kg, self.com_m)
+    }
+
+    /// Standard deviation of the inertia that the tool adds to a joint that carries it: kg m^2 or kg. `axis` in `ft_sensor`.
+    #[must_use]
+    pub fn inertia_std_about(&self, axis: &ScrewAxis) -> f64 {
+        let Some(covariance) = &self.covariance else {
+            return self.mass_std_kg * axis.velocity_at(&self.com_m.into()).norm_squared();
+        };
+        // n' Jo n + 2 r . h + m r . r, where r is the way from the axis to the sensor's origin.
+        let mut by = SVector::<f64, 10>::zeros();
+        if axis.kind == JointKind::Prismatic {
+            by[0] = 1.0;
+        } else {
+            let n = axis.direction.into_inner();
+            let r = -axis.point.coords;
+            let r = r - n * n.dot(&r);
+            by[0] = r.norm_squared();
+            by.fixed_rows_mut::<3>(1).copy_from(&(r * 2.0));
+            for (k, (i, j)) in TENSOR.into_iter().enumerate() {
+                by[4 + k] = n[i] * n[j] * if i == j { 1.0 } else { 2.0 };
+            }
+        }
+        (covariance.as_ref() * by).dot(&by).max(0.0).sqrt()
     }
 
     /// Takes what the bias went by from the free air before the grasp to that after the release as a straight line, as far as it is surer than
@@ -365,7 +410,8 @@ impl Payload {
         kinematics: &ToolKinematics,
         after: &[Range<usize>],
     ) -> Result<(), PayloadError> {
-        let rows = FreeAir::of(tool, kinematics, after)?.rows(self)?;
+        let late = self.late_s.filter(is_seen).map_or(0.0, |(late, _)| late);
+        let rows = FreeAir::of(tool, kinematics, after)?.rows(late);
         let (mean, std) = rows.mean_residual(self);
         let Some(seen) = self.bias_at_s else {
             return Ok(());
@@ -402,6 +448,23 @@ impl Attached {
         [force, at.cross(&force)]
     }
 }
+
+/// Whether a lateness of the wrench, s, is more than its standard deviation allows to doubt and than matters.
+pub(crate) fn is_seen(&(late, std): &(f64, f64)) -> bool {
+    late.abs() > (LATE_SURE * std).max(LEAST_LATE_S)
+}
+
+/// Whether free air, which shows a lateness of the wrench, says that it is not `lag` s.
+pub(crate) fn is_another(lag: f64, (late, std): (f64, f64)) -> bool {
+    std < LATE_KNOWN_S && (lag - late).abs() > LATE_SURE * std + LATE_APART_S
+}
+
+/// Free air says what a lag is when it knows it so well, s, and that it is another one beyond this and its standard deviations: filters of sensors delay
+/// one motion more than another.
+const LATE_KNOWN_S: f64 = 2e-3;
+const LATE_APART_S: f64 = 1e-3;
+const LATE_SURE: f64 = 5.0;
+const LEAST_LATE_S: f64 = 1.5e-3;
 
 fn mean_time(tool: &ToolSamples, runs: &[Range<usize>]) -> f64 {
     let (sum, count) = runs

@@ -1,7 +1,7 @@
 //! A recording in, joint, dynamics, report and twin out.
 
 use ft_recording::{Recording, TopicMap};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::path::{Path, PathBuf};
 
 use crate::analysis::{Analysis, analyse_confirmed};
@@ -204,6 +204,9 @@ fn identify_with(
     }
     let mut report = describe(recording, &tool, &grasp, &candidates, &joint, &effort);
     let period = tool.period;
+    let of_tool = payload.as_ref().map_or(0.0, |payload| {
+        tool_inertia_std(payload, &tool, &grasp, &effort.axis)
+    });
     drop(tool);
     if let Some(found) = saturated {
         report.notes.push(format!(
@@ -225,6 +228,12 @@ fn identify_with(
             None
         }
     };
+    if let Some(analysis) = &mut analysis {
+        analysis.full.widen_inertia(of_tool);
+        if let Some(fit) = &mut analysis.jointly {
+            fit.widen_inertia(of_tool);
+        }
+    }
     if let (Some(analysis), JointKind::Revolute) = (&mut analysis, joint.axis.kind) {
         let lever = joint.axis.distance(&joint.tool_position).max(1e-3);
         let share = joint.radius_std / lever;
@@ -464,6 +473,21 @@ fn grasp_and_payload(
     };
     let payload = estimate(&grasp)?;
     Ok((grasp, payload))
+}
+
+/// What is not known of the tool's own inertia about the joint, kg m^2 or kg: one standard deviation.
+fn tool_inertia_std(payload: &Payload, tool: &ToolSamples, grasp: &Grasp, axis: &ScrewAxis) -> f64 {
+    let Some(held) = grasp.held.first().filter(|held| !held.is_empty()) else {
+        return 0.0;
+    };
+    let i = held.start;
+    let world_from_tcp = Isometry3::from_parts(tool.position[i].into(), tool.rotation[i]);
+    let ft_sensor_from_world = (world_from_tcp * tool.tcp_from_ft_sensor).inverse();
+    payload.inertia_std_about(&ScrewAxis {
+        direction: ft_sensor_from_world * axis.direction,
+        point: ft_sensor_from_world * axis.point,
+        kind: axis.kind,
+    })
 }
 
 fn describe(

@@ -57,6 +57,10 @@ pub struct Aside {
     /// Of position and effort the mean of `2 u (1 - u)`, where samples were put on the grid between two others (of positions in tables only), at the share `u` of
     /// the way: half of what that takes of the power of the fastest noise.
     pub interpolated: [f64; 2],
+    /// What weight does at most about a hinge that is seen to stand upright, N m per kg m^2 of its inertia; nothing where the axis is not known or lies.
+    pub most_weight: Option<f64>,
+    /// By how much the wrench comes later than the pose, as free air shows it, and the standard deviation, s.
+    pub late: Option<(f64, f64)>,
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
     pub slips_left_in: bool,
 }
@@ -149,6 +153,9 @@ impl JointSamples {
         out.aside.interpolated[1] = before + more - 2.0 * before * more;
         for series in &mut out.aside.across {
             *series = earlier(series);
+        }
+        if let Some((late, _)) = &mut out.aside.late {
+            *late -= lag_s;
         }
         if let Some(change) = &mut out.aside.change {
             change.tau = of_sensor(&change.tau);

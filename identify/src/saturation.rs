@@ -76,16 +76,20 @@ pub(crate) fn longest(
             });
         // What never moves is not at its end.
         let is_extreme = |i: usize| extreme > least && sign * value(i) >= extreme;
-        let samples = held.iter().map(|run| at_extreme(run, is_extreme, &moves));
+        let samples = held
+            .iter()
+            .map(|run| at_extreme(run, &value, is_extreme, &moves));
         (sign * extreme, samples.sum::<usize>())
     });
     let longest = ends.into_iter().max_by_key(|(_, samples)| *samples);
     longest.filter(|(_, samples)| *samples > 0)
 }
 
-/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and something else moves.
+/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and something else moves. The round top of a signal of coarse
+/// steps is none: it is no longer there than [`ROUND`] times on the steps to either side.
 fn at_extreme(
     run: &Range<usize>,
+    value: &impl Fn(usize) -> f64,
     is_extreme: impl Fn(usize) -> bool,
     moves: &impl Fn(usize) -> bool,
 ) -> usize {
@@ -98,12 +102,20 @@ fn at_extreme(
         let mut stretch = start..i;
         let length = stretch.len();
         if length >= LASTING && stretch.by_ref().skip(1).any(moves) {
-            total += length;
+            let same = |a: usize, b: usize| value(a) == value(b);
+            let before = (run.start..start).rev().take_while(|&k| same(k, start - 1));
+            let after = (i..run.end).take_while(|&k| same(k, i));
+            if ROUND * before.count().min(after.count()) < length {
+                total += length;
+            }
         }
         start = i + 1;
     }
     total
 }
+
+/// See [`at_extreme`].
+const ROUND: usize = 8;
 
 #[cfg(test)]
 mod tests {
@@ -127,6 +139,20 @@ mod tests {
         assert_eq!((found.name(), found.unit()), ("force y", "N"));
         assert_eq!(found.value.abs(), 45.0);
         assert!(found.share() > 0.05 && found.share() < 0.3, "{found:?}");
+    }
+
+    #[test]
+    fn a_round_top_of_coarse_steps_is_none_and_a_clipped_one_is() {
+        let coarse = |limit: f64| -> Vec<[f64; 6]> {
+            let at = |i: usize| {
+                let t = i as f64 * 0.001;
+                let force = (7.12 * (2.0 * t).sin()).clamp(-limit, limit);
+                [(force * 10.0).round() / 10.0, t.cos(), 0.0, 0.0, 0.0, 0.0]
+            };
+            (0..8000).map(at).collect()
+        };
+        assert_eq!(find(&coarse(9.0), &[0..8000]), None);
+        assert!(find(&coarse(6.0), &[0..8000]).is_some());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::elsewhere::{datum, error_on};
 use super::model::{Found, Ground, is_known};
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::{DynamicsError, EffortModel};
-use crate::effect::library::kind;
+use crate::effect::library::{Belongs, kind};
 use crate::effect::slip::SLIP;
 use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
@@ -45,6 +45,8 @@ fn over_all(share: f64) -> bool {
 const LEAST_SHARE: f64 = 0.25;
 /// or take away this share of the squared error there: then other effects, fitted without it, hide a part of what it brings.
 const SURE: f64 = 0.5;
+/// What belongs to a recording must take away this share of the squared error there.
+const LEAST_GAIN: f64 = 0.05;
 /// Takes out of `diagnosis` what does not hold on every one of `others` (file name, samples), and the look-alikes that they tell apart
 /// from what does.
 ///
@@ -357,7 +359,13 @@ fn holds(
     let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
     let size_here = contribution(&diagnosis.motion, &tested, theta)?;
     let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
-    let helps = gain > 0.0 && gain >= (LEAST_SHARE * expected).min(SURE * before * before);
+    // Its size and its moment are free there, and little is expected of a small one: it must show.
+    let least = match tested.kind.belongs {
+        Belongs::Recording => LEAST_GAIN * before * before,
+        Belongs::Object => 0.0,
+    };
+    let wanted = (LEAST_SHARE * expected).min(SURE * before * before);
+    let helps = gain > 0.0 && gain >= wanted.max(least);
     Ok((!helps).then_some([before, after]))
 }
 

@@ -298,7 +298,7 @@ impl State {
         let mut alike: Vec<Ambiguity> = seen
             .ranked
             .iter()
-            .filter(|entry| entry.kind.name != name)
+            .filter(|entry| entry.kind.name != name && self.too_heavy(entry).is_none())
             .filter(|entry| {
                 let alias = are(ALIAS, entry.kind.name, name) || are_crude(entry.kind.name, name);
                 let least = if alias { ALIAS_GAIN } else { 0.85 };

@@ -2,13 +2,16 @@
 
 use core::f64::consts::TAU;
 
-use super::model::{Found, is_load, is_smooth_load};
-use super::scan::{Look, Ranked};
+use super::model::{Found, is_load, is_smooth_load, signs_hold};
+use super::scan::{Look, Ranked, evidence};
+use super::score::Problem;
 use super::search::{Refused, State};
 use crate::effect::friction::AT_A_PLACE;
 use crate::effect::library::{Belongs, Kind};
 use crate::effect::measurement::SENSOR_DRIFT;
+use crate::effect::memory::played_quietly;
 use crate::least_squares::rms;
+use crate::payload::is_another;
 
 /// An effect must move the effort (held-out) by so many noise floors; one of the object that acts in less than a share `LOCAL` of the
 /// samples by the less the fewer they are, down to `LEAST_OF_LOCAL` of that.
@@ -28,6 +31,9 @@ const MOST_RIVALS: usize = 3;
 
 /// Grasps that give: by a force, or by a play. One of them is enough to say.
 pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
+
+/// The share of their evidence that must be left without the noise of the poses.
+const QUIET_SHARE: f64 = 0.5;
 
 /// How many of a kind a joint may have: a closer damps its sweep, its latching and its backcheck.
 pub(super) fn most_of(kind: &Kind) -> usize {
@@ -179,6 +185,9 @@ impl State {
         if let Some(reason) = self.unresolved(entry.kind, &entry.shape) {
             return Some(reason);
         }
+        if let Some(reason) = self.too_heavy(entry) {
+            return Some(reason);
+        }
         if self.given_up.contains(&entry.kind.name) {
             return Some("removed before as superfluous".to_owned());
         }
@@ -186,6 +195,16 @@ impl State {
             let lag = entry.theta[0];
             if self.lag.is_some() {
                 return Some("it is in the model already".to_owned());
+            }
+            if let Some((late, std)) = self.samples.aside.late
+                && is_another(lag, (late, std))
+            {
+                return Some(format!(
+                    "in free air the wrench comes {:.1} ± {:.1} ms after the pose, not {:.1} ms",
+                    1e3 * late,
+                    1e3 * std,
+                    1e3 * lag
+                ));
             }
             if lag.abs() < 1e-3 {
                 return Some(format!(
@@ -220,14 +239,40 @@ impl State {
                 100.0 * entry.helps
             ));
         }
-        let limit = limit(&seen.chance);
-        if entry.score <= limit {
+        let most = limit(&seen.chance);
+        if entry.score <= most {
             return Some(format!(
-                "by chance the search finds as much (score {:.1}, limit {limit:.1})",
+                "by chance the search finds as much (score {:.1}, limit {most:.1})",
                 entry.score
             ));
         }
+        if GIVES.contains(&entry.kind.name)
+            && self.score_of_quiet(entry) <= most.max(QUIET_SHARE * entry.score)
+        {
+            return Some(
+                "it helps by the noise of the poses, which is in the effort too where the tool's inertia was taken off"
+                    .to_owned(),
+            );
+        }
         None
+    }
+
+    /// What a grasp that gives scores with columns of an effort without the noise of the poses.
+    fn score_of_quiet(&self, entry: &Ranked) -> f64 {
+        let score = || {
+            let column = played_quietly(&self.ground.scope(), &entry.shape);
+            let column = self.ground.motion.regressor(&column).ok()?;
+            let x = self.ground.columns(&self.found()).ok()?;
+            let efforts = [self.ground.y.clone()];
+            let problem = Problem::new(&x, &efforts, &self.ground.folds);
+            let before = problem.alone()?[0].mse;
+            let with = problem.with(&[&column], 1)?;
+            let with = &with[0];
+            let used = [true];
+            signs_hold(entry.kind, &used, &with.theta)
+                .then(|| evidence(&problem, entry.kind, &used, before, with.mse))
+        };
+        score().unwrap_or(0.0)
     }
 }
 
@@ -283,6 +328,17 @@ impl State {
                 "its {what} of {:.2e} is less than the {limit:.2e} that the positions' noise lets know",
                 shape[0]
             )
+        })
+    }
+}
+
+impl State {
+    /// Why, where a weight would have to be more than what the hinge carries can have about an axis that is seen to stand upright.
+    pub(super) fn too_heavy(&self, entry: &Ranked) -> Option<String> {
+        let most = self.samples.aside.most_weight? * self.ground.rigid[0];
+        let weight = entry.theta.iter().map(|v| v * v).sum::<f64>().sqrt();
+        (entry.kind.name == "gravity" && weight > most && most > 0.0).then(|| {
+            format!("{weight:.3} N m is more than weight can do about an axis that is as upright ({most:.3})")
         })
     }
 }

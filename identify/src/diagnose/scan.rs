@@ -146,7 +146,13 @@ fn outcomes(
 }
 
 /// Half the number of independent samples times the log ratio of the errors, less half a log of it for each free number.
-fn evidence(problem: &Problem<'_>, kind: &Kind, used: &[bool], before: f64, after: f64) -> f64 {
+pub(super) fn evidence(
+    problem: &Problem<'_>,
+    kind: &Kind,
+    used: &[bool],
+    before: f64,
+    after: f64,
+) -> f64 {
     let independent = problem.independent();
     let freedom = kind.freedom_of(used) as f64;
     0.5 * independent * (before / after.max(1e-300)).ln() - 0.5 * freedom * independent.ln()

@@ -17,6 +17,7 @@ use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
+use crate::payload::is_seen;
 use crate::samples::JointSamples;
 
 /// An effect that fits nearly as well.
@@ -82,6 +83,8 @@ pub struct Diagnosis {
 pub(super) const RIVAL_BELOW: f64 = 0.95;
 /// A named load does as well as a curve when the whole model errs no more than so many times as much.
 const AS_WELL: f64 = 1.05;
+/// What is left is all a load when a curve leaves this share of its square above the floor.
+const OF_A_LOAD: f64 = 0.05;
 /// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
 const GAINED_BELOW: f64 = 0.999;
 const REPLICATES: usize = 40;
@@ -178,7 +181,15 @@ fn searched(
     barred: &[&'static str],
     first: First,
 ) -> Result<Diagnosis, DynamicsError> {
-    let mut state = State::new(samples.clone(), *settings)?;
+    // What free air shows of a lag needs no search.
+    let late = samples.aside.late.filter(is_seen);
+    let late = late.filter(|_| !barred.contains(&TIME_LAG.name));
+    let mut samples = samples.clone();
+    if let Some((late, _)) = late {
+        samples = samples.with_effort_earlier(late);
+    }
+    let mut state = State::new(samples, *settings)?;
+    state.lag = late.map(|(late, _)| (late, 0.0));
     state
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
@@ -466,8 +477,8 @@ impl State {
         Ok(())
     }
 
-    /// Puts a smooth load beside the model when a load of the library is there, no further one helps, and it explains more than the
-    /// best effect does. The search goes on beside it, and what it takes up has no name. A magnet or a notch comes first when the
+    /// Puts a smooth load beside the model when a load of the library is there or what is left is all one, no further one helps, and it explains
+    /// more than the best effect does. The search goes on beside it, and what it takes up has no name. A magnet or a notch comes first when the
     /// shapes of the loads beside it, found without it, then do as well.
     fn curved(
         &mut self,
@@ -479,7 +490,7 @@ impl State {
         let is_there = |found: &Found| is_smooth_load(found.kind) || found.kind.name == "catch";
         let loaded = self.effects.iter().any(|(found, _)| is_there(found));
         let left = seen.mse.sqrt() > EXPLAINED_BELOW * self.floor.rms;
-        if !self.ground.curve.is_empty() || !loaded || !left {
+        if !self.ground.curve.is_empty() || !left {
             return Ok(false);
         }
         let curve = self.ground.smooth_load()?;
@@ -489,6 +500,10 @@ impl State {
         let Some(with) = problem.complete(&columns) else {
             return Ok(false);
         };
+        let floor = self.floor.rms.powi(2);
+        if !loaded && with.mse - floor > OF_A_LOAD * (seen.mse - floor) {
+            return Ok(false);
+        }
         let independent = problem.independent();
         let price = 0.5 * curve.len() as f64 * independent.ln();
         let score = 0.5 * independent * (seen.mse / with.mse).ln() - price;

@@ -90,11 +90,25 @@ pub const BACKLASH: Kind = Kind {
 
 /// What it makes of the effort that the object lags behind the tool by half of `gap` towards the effort and by `compliance` times it.
 pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
+    played_by(scope, &scope.motion.tau, gap, compliance)
+}
+
+/// As the columns of [`BACKLASH`] and of a grasp that gives, `shape` as theirs, of an effort without the noise of the poses.
+pub(crate) fn played_quietly(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
+    let tau = on_handle(scope);
+    match *shape {
+        [gap, compliance] => played_by(scope, &tau, gap, compliance),
+        [compliance] => played_by(scope, &tau, 0.0, compliance),
+        _ => Vec::new(),
+    }
+}
+
+fn played_by(scope: &Scope<'_>, tau: &[f64], gap: f64, compliance: f64) -> Vec<f64> {
     let motion = scope.motion;
     let aside = if gap == 0.0 {
-        motion.tau.iter().map(|tau| -compliance * tau).collect()
+        tau.iter().map(|tau| -compliance * tau).collect()
     } else {
-        between_sides(motion, gap, compliance)
+        between_sides(motion, tau, gap, compliance)
     };
     // As smooth as the coordinate, which hides as much of the blow when the sides meet.
     match motion.smoothed(&aside) {
@@ -103,9 +117,31 @@ pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
     }
 }
 
+/// The effort on the handle without the noise of the poses. What was taken off for the tool has their acceleration's, which is also what a fit
+/// leaves most of; a deflection made of it would explain that. The sensor itself has none: it shows the inertia of tool and object, of which the
+/// object has its share.
+fn on_handle(scope: &Scope<'_>) -> Vec<f64> {
+    let motion = scope.motion;
+    let [inertia, coulomb, viscous] = scope.rigid;
+    let all = inertia + motion.tool_inertia;
+    if motion.tool_inertia == 0.0 || inertia == 0.0 {
+        return motion.tau.clone();
+    }
+    let (share, rest) = (inertia / all, motion.tool_inertia / all);
+    let states = motion.dq.iter().zip(&motion.sign);
+    let efforts = motion.tau.iter().zip(&motion.ddq);
+    efforts
+        .zip(states)
+        .map(|((tau, ddq), (dq, sign))| {
+            let measured = tau + motion.tool_inertia * ddq;
+            share * measured + rest * (coulomb * sign + viscous * dq)
+        })
+        .collect()
+}
+
 /// How far the object is aside of the tool: against a side of the play while it is pressed, and on its own way from there to where it
 /// is pressed next, as fast as it was when it was let go, slowed evenly.
-fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
+fn between_sides(motion: &Motion, tau: &[f64], gap: f64, compliance: f64) -> Vec<f64> {
     let (level, q) = (PRESSED * motion.fast_noise_of_tau(), &motion.q_measured);
     let shortest = (SHORTEST_S / motion.period).ceil() as usize;
     let side = |tau: f64| {
@@ -118,7 +154,7 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
         // Where it was pressed last, and how far aside.
         let mut last: Option<(usize, f64)> = None;
         let mut begin = run.start;
-        for stretch in motion.tau[run.clone()].chunk_by(|a, b| side(*a) == side(*b)) {
+        for stretch in tau[run.clone()].chunk_by(|a, b| side(*a) == side(*b)) {
             let pressed = begin..begin + stretch.len();
             begin = pressed.end;
             let side = side(stretch[0]);
@@ -126,7 +162,7 @@ fn between_sides(motion: &Motion, gap: f64, compliance: f64) -> Vec<f64> {
                 continue;
             }
             for i in pressed.clone() {
-                out[i] = -0.5 * gap * side - compliance * motion.tau[i];
+                out[i] = -0.5 * gap * side - compliance * tau[i];
             }
             let (i, aside) = (pressed.start, out[pressed.start]);
             if let Some((from, left)) = last {

@@ -2,100 +2,166 @@
 
 use core::ops::Range;
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{Payload, PayloadSource};
+use super::{Payload, PayloadSource, TENSOR};
 use crate::filter::{FilterError, LowPass};
 use crate::least_squares::{effective_count, rms};
 use crate::tool::{ToolKinematics, ToolSamples};
 
-const CUTOFF_HZ: f64 = 8.0;
+/// Above it the tracker's noise in the accelerations would be taken for a tool that moves more than it weighs.
+const CUTOFF_HZ: f64 = 5.0;
+/// Rows per second of free air, in cut-offs.
+const ROWS_PER_CUTOFF: f64 = 6.4;
 
-type Normal = SMatrix<f64, 10, 10>;
-type Parameters = SVector<f64, 10>;
+/// Mass, first moment, bias, inertia about the sensor's origin.
+const COUNT: usize = 16;
+const BIAS: usize = 4;
+const INERTIA: usize = 10;
 
-/// Parameters and target of a row.
-type Row = (Parameters, f64);
+type Normal = SMatrix<f64, COUNT, COUNT>;
+type Parameters = SVector<f64, COUNT>;
+/// Columns of m, h, Jo for one axis of force or torque.
+type Columns = SVector<f64, 10>;
 
-/// Free air, its rows filtered but for what the tool's inertia adds to the torque.
-pub(super) struct FreeAir<'a> {
-    kinematics: &'a ToolKinematics,
-    filter: LowPass,
+/// A tool's radius of gyration, m, where no calibration says what its inertia is, and how sure that is of its square: a compact tool of 0.1 to 0.2 m.
+const GYRATION_M: f64 = 0.05;
+const GYRATION_SURE: f64 = 0.7;
+
+/// A wrench that is late or early by more is another matter, s.
+const LATEST_S: f64 = 0.12;
+const EARLIEST_S: f64 = -0.05;
+const COARSE_S: f64 = 5e-3;
+const FINE_S: f64 = 1e-3;
+
+/// Free air through one filter.
+pub(super) struct FreeAir {
+    runs: Vec<Run>,
+    period: f64,
+}
+
+/// One stretch of it: the columns of every `step`-th sample, and all that was measured.
+struct Run {
     step: usize,
-    runs: Vec<Range<usize>>,
-    /// Force and torque.
-    blocks: [Vec<Row>; 2],
+    columns: Vec<[Columns; 6]>,
+    measured: Vec<[f64; 6]>,
 }
 
-/// Filtered rows of the linear model: force rows and torque rows apart.
+/// Rows of the linear model at one lateness of the wrench: of force and of torque.
 pub(super) struct Rows {
-    blocks: [Vec<Row>; 2],
+    blocks: [Vec<(Parameters, f64)>; 2],
 }
 
-impl<'a> FreeAir<'a> {
+/// Solution with its covariance, and what each block leaves.
+struct Solved {
+    theta: Parameters,
+    covariance: Normal,
+    residuals: [Vec<f64>; 2],
+}
+
+impl FreeAir {
     pub(super) fn of(
         tool: &ToolSamples,
-        kinematics: &'a ToolKinematics,
+        kinematics: &ToolKinematics,
         runs: &[Range<usize>],
     ) -> Result<Self, FilterError> {
         let rate_hz = 1.0 / tool.period;
-        let filter = LowPass::butterworth(4, CUTOFF_HZ.min(0.15 * rate_hz), rate_hz)?;
-        let step = ((rate_hz / (4.0 * CUTOFF_HZ)) as usize).max(1);
-        let runs = runs.iter().cloned();
-        let runs: Vec<_> = runs
-            .filter(|run| run.len() > 2 * filter.edge_samples())
-            .collect();
-        let mut blocks = [Vec::new(), Vec::new()];
-        for run in &runs {
-            let models: Vec<[SMatrix<f64, 3, 4>; 2]> =
-                run.clone().map(|i| model(kinematics, i)).collect();
+        let cutoff = CUTOFF_HZ.min(0.15 * rate_hz);
+        let filter = LowPass::butterworth(4, cutoff, rate_hz)?;
+        let step = ((rate_hz / (ROWS_PER_CUTOFF * CUTOFF_HZ)) as usize).max(1);
+        let long = runs
+            .iter()
+            .filter(|run| run.len() > 2 * filter.edge_samples());
+        let of = |run: &Range<usize>| -> Result<Run, FilterError> {
+            let measured = filter.zero_phase_settled_each(&tool.wrench[run.clone()])?;
+            let models: Vec<[Columns; 6]> = run.clone().map(|i| model(kinematics, i)).collect();
+            let count = models.len().div_ceil(step);
+            let mut columns = vec![[Columns::zeros(); 6]; count];
             for axis in 0..6 {
-                let (part, k) = (axis / 3, axis % 3);
-                let measured = tool.wrench[run.clone()].iter().map(|wrench| wrench[axis]);
-                let series: Vec<[f64; 5]> = models
-                    .iter()
-                    .map(|model| &model[part])
-                    .zip(measured)
-                    .map(|(m, measured)| [m[(k, 0)], m[(k, 1)], m[(k, 2)], m[(k, 3)], measured])
-                    .collect();
+                let series: Vec<[f64; 10]> = models.iter().map(|m| m[axis].into()).collect();
                 let filtered = filter.zero_phase_settled_each(&series)?;
-                for [columns @ .., target] in filtered.iter().step_by(step) {
-                    let mut row = Parameters::zeros();
-                    row.fixed_rows_mut::<4>(0).copy_from_slice(columns);
-                    row[4 + axis] = 1.0;
-                    blocks[part].push((row, *target));
+                for (columns, filtered) in columns.iter_mut().zip(filtered.iter().step_by(step)) {
+                    columns[axis] = Columns::from(*filtered);
                 }
             }
-        }
+            Ok(Run {
+                step,
+                columns,
+                measured,
+            })
+        };
         Ok(Self {
-            kinematics,
-            filter,
-            step,
-            runs,
-            blocks,
+            runs: long.map(of).collect::<Result<_, _>>()?,
+            period: tool.period,
         })
     }
 
-    /// The rows, with the inertia of `payload` known.
-    pub(super) fn rows(&self, payload: &Payload) -> Result<Rows, FilterError> {
-        let inertia = payload.inertia_at_origin();
-        let mut blocks = self.blocks.clone();
-        let mut torque_rows = blocks[1].iter_mut();
-        for run in &self.runs {
-            let known = |i: usize| -> [f64; 3] {
-                let (w, dw) = (self.kinematics.rate[i], self.kinematics.angular[i]);
-                (-(inertia * dw) - w.cross(&(inertia * w))).into()
-            };
-            let known: Vec<[f64; 3]> = run.clone().map(known).collect();
-            let known = self.filter.zero_phase_settled_each(&known)?;
-            for k in 0..3 {
-                let known = known.iter().step_by(self.step);
-                for (known, (_, target)) in known.zip(&mut torque_rows) {
-                    *target -= known[k];
+    /// The rows with the wrench read `late_s` later.
+    pub(super) fn rows(&self, late_s: f64) -> Rows {
+        let mut blocks = [Vec::new(), Vec::new()];
+        // Axis by axis in the order of time, by which what residuals are worth is counted.
+        for axis in 0..6 {
+            for run in &self.runs {
+                for (k, columns) in run.columns.iter().enumerate() {
+                    let at = (k * run.step) as f64 + late_s / self.period;
+                    let low = at.floor();
+                    if low < 0.0 || low as usize + 1 >= run.measured.len() {
+                        continue;
+                    }
+                    let [a, b] = [0, 1].map(|next| run.measured[low as usize + next][axis]);
+                    let mut row = Parameters::zeros();
+                    row.fixed_rows_mut::<BIAS>(0)
+                        .copy_from(&columns[axis].fixed_rows::<BIAS>(0));
+                    row.fixed_rows_mut::<6>(INERTIA)
+                        .copy_from(&columns[axis].fixed_rows::<6>(BIAS));
+                    row[BIAS + axis] = 1.0;
+                    blocks[axis / 3].push((row, a + (b - a) * (at - low)));
                 }
             }
         }
-        Ok(Rows { blocks })
+        Rows { blocks }
+    }
+
+    /// How much later than the pose the wrench comes, s, and the standard deviation; nothing when free air does not show it.
+    pub(super) fn late(
+        &self,
+        payload: &Payload,
+        prior: Option<&Payload>,
+        noise: [f64; 2],
+    ) -> Option<(f64, f64)> {
+        let cost = |late: f64| -> (f64, f64) {
+            let rows = self.rows(late);
+            let solved = rows.solve(payload, prior, noise);
+            let worth: f64 = solved.residuals.iter().map(|r| effective_count(r)).sum();
+            let each = solved.residuals.iter().zip(noise);
+            let squares: f64 = each
+                .map(|(r, noise)| r.iter().map(|v| (v / noise).powi(2)).sum::<f64>())
+                .sum();
+            let count: usize = solved.residuals.iter().map(Vec::len).sum();
+            (squares / count.max(1) as f64, worth)
+        };
+        let least = |from: f64, to: f64, step: f64| {
+            let count = ((to - from) / step).round() as usize;
+            let tried: Vec<(f64, (f64, f64))> = (0..=count)
+                .map(|k| from + k as f64 * step)
+                .map(|late| (late, cost(late)))
+                .collect();
+            let best = (0..tried.len()).min_by(|&a, &b| tried[a].1.0.total_cmp(&tried[b].1.0))?;
+            (best > 0 && best < count).then(|| [tried[best - 1], tried[best], tried[best + 1]])
+        };
+        let [_, (coarse, _), _] = least(EARLIEST_S, LATEST_S, COARSE_S)?;
+        let around = least(coarse - COARSE_S, coarse + COARSE_S, FINE_S)?;
+        let [(_, (a, _)), (at, (b, worth)), (_, (c, _))] = around;
+        let bend = a - 2.0 * b + c;
+        if bend <= 0.0 || b <= 0.0 {
+            return None;
+        }
+        // Squares over what is left of them make the usual chi-square.
+        let std = (FINE_S * FINE_S / (bend / b * 0.5 * worth)).sqrt();
+        Some((
+            at + 0.5 * FINE_S * (a - c) / bend,
+            std / core::f64::consts::SQRT_2,
+        ))
     }
 }
 
@@ -106,6 +172,42 @@ impl Rows {
         prior: Option<&Payload>,
         noise: [f64; 2],
     ) -> (Payload, [f64; 2]) {
+        let Solved {
+            theta,
+            covariance,
+            residuals,
+        } = self.solve(before, prior, noise);
+        let rms = [rms(&residuals[0]), rms(&residuals[1])];
+        // A row counts by what its residual is worth: correlated residuals are spread over fewer.
+        let worth = residuals
+            .each_ref()
+            .map(|r| effective_count(r) / r.len().max(1) as f64);
+        let noise = [0, 1].map(|p| rms[p].max(1e-6) / worth[p].max(1e-3).sqrt());
+        let mass = theta[0].max(1e-6);
+        let std = |k: usize| covariance[(k, k)].max(0.0).sqrt();
+        let com: [f64; 3] = core::array::from_fn(|k| theta[1 + k] / mass);
+        let own = tensor(theta.fixed_rows::<6>(INERTIA).into()) - of_a_point(mass, com);
+        let payload = Payload {
+            source: if prior.is_some() {
+                PayloadSource::Both
+            } else {
+                PayloadSource::FreeAir
+            },
+            mass_kg: mass,
+            mass_std_kg: std(0),
+            com_m: com,
+            com_std_m: core::array::from_fn(|k| std(1 + k) / mass),
+            inertia_kgm2: TENSOR.map(|(i, j)| own[(i, j)]),
+            bias: core::array::from_fn(|k| theta[BIAS + k]),
+            bias_std: core::array::from_fn(|k| std(BIAS + k)),
+            free_air_rms: Some(rms),
+            covariance: Some(Box::new(body_of(&covariance))),
+            ..before.clone()
+        };
+        (payload, noise)
+    }
+
+    fn solve(&self, before: &Payload, prior: Option<&Payload>, noise: [f64; 2]) -> Solved {
         let mut normal = Normal::zeros();
         let mut right = Parameters::zeros();
         for (block, noise) in self.blocks.iter().zip(noise) {
@@ -115,13 +217,13 @@ impl Rows {
                 right += row * (target * weight);
             }
         }
+        let mut add = |k: usize, value: f64, std: f64| {
+            let weight = 1.0 / (std * std);
+            normal[(k, k)] += weight;
+            right[k] += weight * value;
+        };
         if let Some(prior) = prior {
             let h = Vector3::from(prior.com_m) * prior.mass_kg;
-            let mut add = |k: usize, value: f64, std: f64| {
-                let weight = 1.0 / (std * std);
-                normal[(k, k)] += weight;
-                right[k] += weight * value;
-            };
             add(0, prior.mass_kg, prior.mass_std_kg.max(1e-4));
             for k in 0..3 {
                 add(
@@ -133,10 +235,23 @@ impl Rows {
                 );
             }
             for k in 0..6 {
-                add(4 + k, prior.bias[k], prior.bias_std[k]);
+                add(BIAS + k, prior.bias[k], prior.bias_std[k]);
             }
         }
-        for k in 0..10 {
+        let (own, std) = prior.map_or_else(
+            || of_a_tool(before.mass_kg.max(0.1)),
+            |prior| {
+                (
+                    prior.inertia_kgm2,
+                    prior.inertia_std.map(|std| std.max(1e-6)),
+                )
+            },
+        );
+        let point = of_a_point(before.mass_kg, before.com_m);
+        for (k, (i, j)) in TENSOR.into_iter().enumerate() {
+            add(INERTIA + k, own[k] + point[(i, j)], std[k]);
+        }
+        for k in 0..COUNT {
             normal[(k, k)] += 1e-9;
         }
         let covariance = normal
@@ -149,47 +264,31 @@ impl Rows {
                 .map(|(row, target)| target - row.dot(&theta))
                 .collect()
         };
-        let residuals = [residual(0), residual(1)];
-        let rms = [rms(&residuals[0]), rms(&residuals[1])];
-        // A row counts by what its residual is worth: correlated residuals are spread over fewer.
-        let worth = residuals
-            .each_ref()
-            .map(|r| effective_count(r) / r.len().max(1) as f64);
-        let noise = [0, 1].map(|p| rms[p].max(1e-6) / worth[p].max(1e-3).sqrt());
-        let mass = theta[0].max(1e-6);
-        let std = |k: usize| covariance[(k, k)].max(0.0).sqrt();
-        let payload = Payload {
-            source: if prior.is_some() {
-                PayloadSource::Both
-            } else {
-                PayloadSource::FreeAir
-            },
-            mass_kg: mass,
-            mass_std_kg: std(0),
-            com_m: core::array::from_fn(|k| theta[1 + k] / mass),
-            com_std_m: core::array::from_fn(|k| std(1 + k) / mass),
-            bias: core::array::from_fn(|k| theta[4 + k]),
-            bias_std: core::array::from_fn(|k| std(4 + k)),
-            free_air_rms: Some(rms),
-            ..before.clone()
-        };
-        (payload, noise)
+        Solved {
+            theta,
+            covariance,
+            residuals: [residual(0), residual(1)],
+        }
     }
 
     /// Mean residual per axis and its standard deviation.
     pub(super) fn mean_residual(&self, payload: &Payload) -> ([f64; 6], [f64; 6]) {
         let h = Vector3::from(payload.com_m) * payload.mass_kg;
+        let inertia = payload.inertia_at_origin();
         let mut theta = Parameters::zeros();
         theta[0] = payload.mass_kg;
         theta.fixed_rows_mut::<3>(1).copy_from(&h);
         theta
-            .fixed_rows_mut::<6>(4)
+            .fixed_rows_mut::<6>(BIAS)
             .copy_from(&SVector::<f64, 6>::from(payload.bias));
+        for (k, (i, j)) in TENSOR.into_iter().enumerate() {
+            theta[INERTIA + k] = inertia[(i, j)];
+        }
         let (mut mean, mut std) = ([0.0; 6], [0.0; 6]);
         for axis in 0..6 {
             let left: Vec<f64> = self.blocks[axis / 3]
                 .iter()
-                .filter(|(row, _)| row[4 + axis] == 1.0)
+                .filter(|(row, _)| row[BIAS + axis] == 1.0)
                 .map(|(row, target)| target - row.dot(&theta))
                 .collect();
             let n = left.len().max(1) as f64;
@@ -201,20 +300,58 @@ impl Rows {
     }
 }
 
-/// Columns of m, h of force and torque.
-fn model(kinematics: &ToolKinematics, i: usize) -> [SMatrix<f64, 3, 4>; 2] {
-    let (s, w, dw) = (
-        kinematics.specific[i],
-        kinematics.rate[i],
-        kinematics.angular[i],
-    );
+/// Inertia of a compact tool about its centre of mass and how sure it is, in the order of [`TENSOR`].
+pub(super) fn of_a_tool(mass: f64) -> ([f64; 6], [f64; 6]) {
+    let size = mass * GYRATION_M * GYRATION_M;
+    let is_moment = TENSOR.map(|(i, j)| i == j);
+    (
+        is_moment.map(|moment| if moment { size } else { 0.0 }),
+        is_moment.map(|moment| GYRATION_SURE * size * if moment { 1.0 } else { 0.5 }),
+    )
+}
+
+/// Inertia about the origin of a mass at a point.
+pub(super) fn of_a_point(mass: f64, com: [f64; 3]) -> Matrix3<f64> {
+    let c = Vector3::from(com);
+    (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * mass
+}
+
+/// The matrix of [`TENSOR`].
+pub(super) fn tensor(of: [f64; 6]) -> Matrix3<f64> {
+    let [xx, xy, yy, xz, yz, zz] = of;
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+}
+
+/// The covariance of m, h, Jo.
+fn body_of(all: &Normal) -> SMatrix<f64, 10, 10> {
+    let place = |k: usize| if k < BIAS { k } else { INERTIA + k - BIAS };
+    SMatrix::from_fn(|i, j| all[(place(i), place(j))])
+}
+
+/// Columns of m, h and Jo: of force x y z, torque x y z.
+fn model(kinematics: &ToolKinematics, i: usize) -> [Columns; 6] {
+    let [s, w, dw] = kinematics.at(i);
     let (ws, dws) = (w.cross_matrix(), dw.cross_matrix());
-    let mut force = SMatrix::<f64, 3, 4>::zeros();
-    force.set_column(0, &s);
-    force.fixed_columns_mut::<3>(1).copy_from(&-(dws + ws * ws));
-    let mut torque = SMatrix::<f64, 3, 4>::zeros();
-    torque
-        .fixed_columns_mut::<3>(1)
-        .copy_from(&-s.cross_matrix());
-    [force, torque]
+    let (of_h, to_h) = (-(dws + ws * ws), -s.cross_matrix());
+    let of_inertia = TENSOR.map(|(i, j)| {
+        let mut unit = Matrix3::zeros();
+        (unit[(i, j)], unit[(j, i)]) = (1.0, 1.0);
+        -(unit * dw) - w.cross(&(unit * w))
+    });
+    core::array::from_fn(|axis| {
+        let k = axis % 3;
+        let mut out = Columns::zeros();
+        if axis < 3 {
+            out[0] = s[k];
+            out.fixed_rows_mut::<3>(1)
+                .copy_from(&of_h.row(k).transpose());
+        } else {
+            out.fixed_rows_mut::<3>(1)
+                .copy_from(&to_h.row(k).transpose());
+            for (column, of) in out.iter_mut().skip(BIAS).zip(&of_inertia) {
+                *column = of[k];
+            }
+        }
+        out
+    })
 }

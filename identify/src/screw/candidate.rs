@@ -6,7 +6,7 @@
 //! are there, both have 3 more for the grasp. Samples of a tracker that wanders are far from independent, and counting
 //! each one lets an arc of 20 m radius win over the line that a drawer is.
 //!
-//! Besides, an arc must bend: its sagitta must exceed three times its own residual, or it is a line.
+//! Besides, an arc must bend: its sagitta must exceed three times its own residual, or the tool must turn as it has it, or it is a line.
 
 use nalgebra::{Matrix3, Matrix6, Point3, Unit, Vector3, Vector6};
 
@@ -65,6 +65,8 @@ pub(super) struct Curve {
     weights: Vec<f64>,
 }
 
+/// A difference of the criteria that leaves no doubt.
+const DECISIVE: f64 = 30.0;
 const MIN_SAMPLES: usize = 20;
 const MIN_EXTENT_M: f64 = 0.02;
 
@@ -98,13 +100,18 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
         .has_rotations()
         .then(|| orientation_criteria(track, &circle));
     // Positions decide when they can; a tool that turns in the hand must not outvote an arc.
-    let decisive = (bic_revolute - bic_prismatic).abs() > 30.0;
+    let decisive = (bic_revolute - bic_prismatic).abs() > DECISIVE;
     if let Some(turn) = &turn
         && !decisive
     {
         bic_revolute += turn.bic_revolute;
         bic_prismatic += turn.bic_prismatic;
     }
+    // A short arc bends less than positions wander; a tool that turns as the arc has it, and not as a slide would, says so too.
+    let turns = turn.as_ref().is_some_and(|turn| {
+        turn.agrees(JointKind::Revolute) && turn.bic_revolute + DECISIVE < turn.bic_prismatic
+    });
+    let bends = bends || turns && circle.radius < 20.0 * extent;
     let kind = if bends && bic_revolute < bic_prismatic {
         JointKind::Revolute
     } else {

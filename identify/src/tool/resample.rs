@@ -72,32 +72,27 @@ impl Stream {
 /// Poses with their times, ascending.
 pub(super) struct PoseStream {
     samples: Vec<(f64, Isometry3<f64>)>,
-    /// Velocity at each sample, m/s.
-    slopes: Vec<Vector3<f64>>,
+    /// Of the step from each sample to the next.
+    steps: Vec<Step>,
     hole: f64,
+}
+
+/// How a tool goes from one sample to the next: displacement in `world`, turn in the axes of the first, and their rates at either end.
+struct Step {
+    moved: Vector3<f64>,
+    turned: Vector3<f64>,
+    velocities: [Vector3<f64>; 2],
+    rates: [Vector3<f64>; 2],
 }
 
 impl PoseStream {
     pub(super) fn new(samples: Vec<(f64, Isometry3<f64>)>) -> Self {
         let hole = HOLE_S.max(3.0 * median_step(samples.iter().map(|s| s.0)));
-        let slope = |i: usize| {
-            let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(samples.len() - 1));
-            if samples[i].0 - samples[a].0 > hole {
-                a = i;
-            }
-            if samples[b].0 - samples[i].0 > hole {
-                b = i;
-            }
-            let time = samples[b].0 - samples[a].0;
-            if time <= 0.0 {
-                return Vector3::zeros();
-            }
-            (samples[b].1.translation.vector - samples[a].1.translation.vector) / time
-        };
-        let slopes = (0..samples.len()).map(slope).collect();
+        let all = 0..samples.len().saturating_sub(1);
+        let steps = all.map(|i| Step::of(&samples, i, hole)).collect();
         Self {
             samples,
-            slopes,
+            steps,
             hole,
         }
     }
@@ -114,24 +109,68 @@ impl PoseStream {
         place(&self.samples, t)
     }
 
-    /// Hermite position and slerp rotation at `t`.
+    /// Hermite position and rotation at `t`.
     pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<Isometry3<f64>> {
         let (i, u) = bracket(&self.samples, t, from, self.hole)?;
-        let ((t0, a), (t1, b)) = (&self.samples[i], &self.samples[i + 1]);
-        let step = t1 - t0;
+        let ((t0, a), step) = (&self.samples[i], &self.steps[i]);
+        let long = self.samples[i + 1].0 - t0;
         let (u2, u3) = (u * u, u * u * u);
-        let position = a.translation.vector * (2.0 * u3 - 3.0 * u2 + 1.0)
-            + b.translation.vector * (3.0 * u2 - 2.0 * u3)
-            + self.slopes[i] * (step * (u3 - 2.0 * u2 + u))
-            + self.slopes[i + 1] * (step * (u3 - u2));
-        let rotation = a
-            .rotation
-            .try_slerp(&b.rotation, u, 1e-9)
-            .unwrap_or(a.rotation);
+        let weights = [
+            3.0 * u2 - 2.0 * u3,
+            long * (u3 - 2.0 * u2 + u),
+            long * (u3 - u2),
+        ];
+        let between = |whole: &Vector3<f64>, rates: &[Vector3<f64>; 2]| {
+            whole * weights[0] + rates[0] * weights[1] + rates[1] * weights[2]
+        };
+        let turned = between(&step.turned, &step.rates);
         Some(Isometry3::from_parts(
-            Translation3::from(position),
-            rotation,
+            Translation3::from(a.translation.vector + between(&step.moved, &step.velocities)),
+            a.rotation * UnitQuaternion::from_scaled_axis(turned),
         ))
+    }
+}
+
+impl Step {
+    /// From sample `i` to the next. A rate is the slope of the parabola through three samples, so that a lost sample bends none; next to a hole it
+    /// is that of the step.
+    fn of(samples: &[(f64, Isometry3<f64>)], i: usize, hole: f64) -> Self {
+        let (t0, a) = &samples[i];
+        let seen = |k: usize| {
+            let (t, pose) = &samples[k];
+            let turned = (a.rotation.inverse() * pose.rotation).scaled_axis();
+            (
+                t - t0,
+                pose.translation.vector - a.translation.vector,
+                turned,
+            )
+        };
+        let (_, moved, turned) = seen(i + 1);
+        let apart = |k: usize| samples[k].0 - samples[k - 1].0;
+        // Mean rate over the step from sample k - 1 to k, and how long that is.
+        let over = |k: usize| {
+            let ((from, p, r), (to, q, s)) = (seen(k - 1), seen(k));
+            let long = (to - from).max(f64::MIN_POSITIVE);
+            ((q - p) / long, (s - r) / long, long)
+        };
+        let is_there = |k: usize| k > 0 && k < samples.len() && apart(k) <= hole && apart(k) > 0.0;
+        let own = is_there(i + 1).then(|| over(i + 1));
+        let rate = |beside: usize| match own {
+            None => (Vector3::zeros(), Vector3::zeros()),
+            Some((velocity, rate, long)) if is_there(beside) => {
+                let (v, w, other) = over(beside);
+                let share = other / (long + other);
+                (velocity.lerp(&v, 1.0 - share), rate.lerp(&w, 1.0 - share))
+            }
+            Some((velocity, rate, _)) => (velocity, rate),
+        };
+        let ((v0, w0), (v1, w1)) = (rate(i), rate(i + 2));
+        Self {
+            moved,
+            turned,
+            velocities: [v0, v1],
+            rates: [w0, w1],
+        }
     }
 }
 
@@ -258,6 +297,32 @@ mod tests {
             let pose = stream.at(t, &mut from).unwrap();
             assert!((pose.translation.vector - path(t)).norm() < 1e-6);
             assert!((pose.rotation.angle() - t).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_lost_pose_bends_neither_path_nor_turn() {
+        // 1 m/s^2 and 20 rad/s^2, every sixth pose lost.
+        let times = (0..100).filter(|i| i % 6 != 0).map(|i| f64::from(i) / 60.0);
+        let angle = |t: f64| 0.5 * (5.0 * t).sin();
+        let poses = times.map(|t| {
+            (
+                t,
+                Isometry3::new(Vector3::x() * (0.5 * t * t), Vector3::z() * angle(t)),
+            )
+        });
+        let stream = PoseStream::new(poses.collect());
+        let mut from = 0;
+        for k in 0..1400 {
+            let t = 0.1 + 0.001 * f64::from(k);
+            let pose = stream.at(t, &mut from).unwrap();
+            assert!((pose.translation.vector.x - 0.5 * t * t).abs() < 1e-9);
+            let turned = pose.rotation.scaled_axis().z;
+            assert!(
+                (turned - angle(t)).abs() < 1e-4,
+                "{t}: {turned} {}",
+                angle(t)
+            );
         }
     }
 
