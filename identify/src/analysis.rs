@@ -13,6 +13,7 @@ use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
     structure,
 };
+use crate::effect::library::Belongs;
 use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
@@ -337,19 +338,22 @@ fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     Ok(())
 }
 
-/// Takes out of a table's model, one after the other, what lowers no error on held-out strokes beside all others: a lag or turns that
-/// were taken out since may have been what it stood for. A recording's effects have evidence elsewhere, too.
+/// Takes out of a model, one after the other, what lowers no error on held-out strokes beside all others: a lag or turns that were taken out since
+/// may have been what it stood for. An object's effect in a recording has evidence elsewhere, too.
 fn drop_useless(
     diagnosis: &mut Diagnosis,
     confirmed: &mut [Confirmation],
 ) -> Result<(), DynamicsError> {
-    while diagnosis.is_table {
+    loop {
         let mut useless = None;
         for i in 0..diagnosis.effects.len() {
-            let mut without = diagnosis.clone();
-            if without.effects.remove(i).found.taken_out() {
+            let found = &diagnosis.effects[i].found;
+            let of_object = found.kind.belongs == Belongs::Object;
+            if found.taken_out() || of_object && !diagnosis.is_table {
                 continue;
             }
+            let mut without = diagnosis.clone();
+            without.effects.remove(i);
             without.refit()?;
             if without.model.held_out_rms <= diagnosis.model.held_out_rms {
                 useless = Some((i, without));

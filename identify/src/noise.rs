@@ -52,6 +52,8 @@ impl NoiseFloor {
 /// What an effort grows by at each sample of a motion, beside inertia and viscous friction.
 #[derive(Clone, Debug)]
 pub struct Slopes {
+    /// Per unit of the acceleration.
+    pub inertia: Vec<f64>,
     /// Per unit of the coordinate.
     pub load: Vec<f64>,
     /// Per unit of the velocity.
@@ -63,6 +65,7 @@ impl Slopes {
     #[must_use]
     pub fn none(samples: usize) -> Self {
         Self {
+            inertia: vec![0.0; samples],
             load: vec![0.0; samples],
             damping: vec![0.0; samples],
         }
@@ -130,7 +133,9 @@ pub fn floor(
             (motion.derivative(series), motion.second_derivative(series));
         let effort = |i: usize| {
             let damping = viscous + slopes.damping[i];
-            inertia * acceleration[i] + damping * velocity[i] + slopes.load[i] * series[i]
+            (inertia + slopes.inertia[i]) * acceleration[i]
+                + damping * velocity[i]
+                + slopes.load[i] * series[i]
         };
         (0..series.len()).map(effort).collect()
     })?;

@@ -147,7 +147,7 @@ const DRIFT_SINCE: [f64; 2] = [0.5, 0.02];
 const CONTRADICTS: f64 = 5.0;
 
 impl Payload {
-    /// Estimates from the free-air parts `before` the grasp and `after` the release.
+    /// Estimates from the free-air parts `before` the grasp and `after` the release, from the latter alone where the former is too short.
     ///
     /// # Errors
     /// [`PayloadError`].
@@ -160,6 +160,13 @@ impl Payload {
     ) -> Result<Self, PayloadError> {
         let seconds =
             |runs: &[Range<usize>]| runs.iter().map(Range::len).sum::<usize>() as f64 * tool.period;
+        // Free air after the release shows the tool as well.
+        let (before, after) =
+            if seconds(before) < MIN_FREE_AIR_S && seconds(after) >= MIN_FREE_AIR_S {
+                (after, [].as_slice())
+            } else {
+                (before, after)
+            };
         if seconds(before) < MIN_FREE_AIR_S {
             let calibration = calibration.ok_or(PayloadError::Unknown {
                 free_air_s: seconds(before),

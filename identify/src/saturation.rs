@@ -86,7 +86,7 @@ pub(crate) fn longest(
 }
 
 /// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and something else moves. The round top of a signal of coarse
-/// steps is none: it is no longer there than [`ROUND`] times on the steps to either side.
+/// steps is none: it is there for no longer than [`ROUND`] times what it is one step lower on a side.
 fn at_extreme(
     run: &Range<usize>,
     value: &impl Fn(usize) -> f64,
@@ -102,10 +102,15 @@ fn at_extreme(
         let mut stretch = start..i;
         let length = stretch.len();
         if length >= LASTING && stretch.by_ref().skip(1).any(moves) {
-            let same = |a: usize, b: usize| value(a) == value(b);
-            let before = (run.start..start).rev().take_while(|&k| same(k, start - 1));
-            let after = (i..run.end).take_while(|&k| same(k, i));
-            if ROUND * before.count().min(after.count()) < length {
+            // Next to it, one step lower.
+            let near = |from: usize| {
+                let step = 1.5 * (value(from) - value(start)).abs();
+                move |k: &usize| (value(*k) - value(start)).abs() <= step
+            };
+            let before = (run.start..start).rev();
+            let before = before.take_while(near(start.max(run.start + 1) - 1));
+            let after = (i..run.end).take_while(near(i.min(run.end - 1)));
+            if ROUND * (before.count() + after.count()) < 2 * length {
                 total += length;
             }
         }

@@ -317,12 +317,14 @@ impl State {
     /// Why, where an effect that acts over a short way after a turn, or at slow speeds, does so below what positions resolve: there it is
     /// their noise, or an encoder's steps.
     pub(super) fn unresolved(&self, kind: &Kind, shape: &[f64]) -> Option<String> {
-        let (what, limit) = match kind.name {
-            "presliding" => ("length", RESOLVED),
-            "stribeck" => ("speed", RESOLVED * TAU * USUAL_HZ),
+        let motion = &self.ground.motion;
+        let step = motion.fast_noise_of_q();
+        let (what, noise) = match kind.name {
+            "presliding" => ("length", step),
+            "stribeck" => ("speed", self.noise_of_speed().min(TAU * USUAL_HZ * step)),
             _ => return None,
         };
-        let limit = limit * self.ground.motion.fast_noise_of_q();
+        let limit = RESOLVED * noise;
         (shape[0] < limit).then(|| {
             format!(
                 "its {what} of {:.2e} is less than the {limit:.2e} that the positions' noise lets know",
@@ -340,6 +342,18 @@ impl State {
         (entry.kind.name == "gravity" && weight > most && most > 0.0).then(|| {
             format!("{weight:.3} N m is more than weight can do about an axis that is as upright ({most:.3})")
         })
+    }
+}
+
+impl State {
+    /// Of a tracker whose noise is seen, through the filters; without limit for others.
+    fn noise_of_speed(&self) -> f64 {
+        let motion = &self.ground.motion;
+        let speeds = motion.noise_of_q.iter().map(|noise| {
+            let speed = motion.regressor(&motion.derivative(noise));
+            speed.map_or(f64::INFINITY, |speed| rms(&speed))
+        });
+        speeds.reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::score::{Folds, solve};
 use crate::effect::axis::FARTHEST;
 use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
+use crate::effect::measurement::PAYLOAD_SWITCH;
 use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
 use crate::motion::{Motion, MotionError};
@@ -55,6 +56,15 @@ impl Found {
             && self.used == other.used
             && self.rigid == other.rigid
             && self.datum == other.datum
+    }
+
+    /// What its effort grows by per unit of the acceleration at each sample of a motion, with `theta` for the used terms.
+    fn inertia(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
+        let (true, Some(more)) = (self.kind.is(&PAYLOAD_SWITCH), theta.first()) else {
+            return vec![0.0; motion.q.len()];
+        };
+        let since = |t: &f64| if *t >= self.shape[0] { *more } else { 0.0 };
+        motion.time.iter().map(since).collect()
     }
 
     /// What its effort grows by per unit of the coordinate at each sample of a motion, with `theta` for the used terms; nothing
@@ -118,15 +128,20 @@ pub(crate) fn per_velocity(dq: f64, step: f64, effort: impl Fn(f64) -> f64) -> f
     side * (effort(side * fast) - effort(side * slow)) / (fast - slow)
 }
 
-/// Slope by coordinate and by velocity of all of `found`, whose terms stand in `theta` behind inertia and friction.
+/// Slope by acceleration, coordinate and velocity of all of `found`, whose terms stand in `theta` behind inertia and friction.
 pub(crate) fn slopes_of(motion: &Motion, found: &[Found], theta: &[f64]) -> Slopes {
     let mut out = Slopes::none(motion.q.len());
     let mut at = 3;
     for found in found {
         let terms = found.terms().count();
         let own = theta.get(at..at + terms).unwrap_or(&[]);
-        let both = [found.slope(motion, own), found.damping(motion, own)];
-        for (out, slope) in [&mut out.load, &mut out.damping].into_iter().zip(both) {
+        let each = [
+            found.inertia(motion, own),
+            found.slope(motion, own),
+            found.damping(motion, own),
+        ];
+        let to = [&mut out.inertia, &mut out.load, &mut out.damping];
+        for (out, slope) in to.into_iter().zip(each) {
             for (out, slope) in out.iter_mut().zip(slope) {
                 *out += slope;
             }

@@ -139,7 +139,9 @@ fn bump(shape: &[f64], q: f64) -> f64 {
     (-0.5 * u * u).exp()
 }
 
-/// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up.
+/// `tau = extra sgn(dq) exp(-t / time)`: friction that changes while a hinge warms up. Where it takes longer than the recording, what it comes to
+/// in the end nobody has seen: it is `tau = extra sgn(dq) (exp(-t / time) - exp(-whole / time)) / (1 - exp(-whole / time))` then, and `coulomb` that at
+/// the end of the `whole` recording.
 pub const DRIFT: Kind = Kind {
     name: "friction_drift",
     belongs: Belongs::Recording,
@@ -148,7 +150,7 @@ pub const DRIFT: Kind = Kind {
     variable: Variable::Time,
     grid: |scope| {
         let duration = scope.duration();
-        geometric(0.07 * duration, 3.0 * duration, 6)
+        geometric(0.07 * duration, 10.0 * duration, 8)
             .into_iter()
             .map(|time| vec![time])
             .collect()
@@ -156,14 +158,15 @@ pub const DRIFT: Kind = Kind {
     series: |scope, shape| {
         let start = scope.motion.time.first().copied().unwrap_or(0.0);
         let motion = scope.motion;
-        vec![
-            motion
-                .sign
-                .iter()
-                .zip(&motion.time)
-                .map(|(s, t)| s * (-(t - start) / shape[0]).exp())
-                .collect(),
-        ]
+        let left = |t: f64| (-t / shape[0]).exp();
+        let end = if shape[0] > scope.duration() {
+            left(scope.duration())
+        } else {
+            0.0
+        };
+        let share = |t: f64| (left(t - start) - end) / (1.0 - end).max(f64::MIN_POSITIVE);
+        let signs = motion.sign.iter().zip(&motion.time);
+        vec![signs.map(|(s, t)| s * share(*t)).collect()]
     },
     at: None,
     separate: "the same slow strokes at the beginning and at the end",
