@@ -346,6 +346,20 @@ fn two_effects_are_both_found_and_each_lowers_the_error() {
 
 /// Nor is one of them named at random where the friction one way would be several times that of the other.
 #[test]
+fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
+    let falls = |t: f64, _: f64, dq: f64, _: f64| -0.02 * t * dq.signum();
+    let here = Drawer::with(falls).record(60.0, 5);
+    let there = Drawer::with(falls).record(60.0, 6);
+    let settings = MotionSettings::default();
+    let mut found = diagnose(&here, &settings).unwrap();
+    confirm(&mut found, &[("other".to_owned(), there)], &settings).unwrap();
+    let named: Vec<&str> = found.effects.iter().map(|e| e.found.kind.name).collect();
+    assert_eq!(named, ["friction_drift"], "{:?}", found.refused);
+    let coulomb = found.model.value("coulomb").unwrap();
+    assert!((coulomb - 1.8).abs() < 0.05, "{coulomb}");
+}
+
+#[test]
 fn a_load_and_a_friction_that_differs_by_direction_are_not_told_apart() {
     let found = look(&Drawer::with(|_, _, _, _| 2.0).record(40.0, 3));
     for (load, seed) in [(2.0, 3), (2.0, 4), (-2.0, 3), (-2.0, 4), (1.6, 5)] {

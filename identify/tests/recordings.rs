@@ -12,7 +12,7 @@ use ft_identify::pipeline::{Identified, identify_loaded, joint_samples};
 use ft_identify::screw::{JointKind, ScrewAxis, SelectError};
 use ft_identify::tool::AlignError;
 use ft_recording::Recording;
-use synthetic::{BIAS, COM, MASS, Scene, calibration};
+use synthetic::{BIAS, COM, INERTIA, MASS, Scene, calibration};
 
 fn identify(recording: &Recording) -> Result<Identified, IdentifyError> {
     identify_loaded(recording, &MotionSettings::default(), &mut |_| {})
@@ -136,6 +136,54 @@ fn the_tool_is_weighed_in_free_air_within_its_stated_uncertainty() {
 }
 
 #[test]
+fn a_wrench_that_comes_late_is_seen_in_free_air_and_weighs_no_less() {
+    let scene = Scene {
+        late_s: 0.05,
+        ..Scene::door()
+    };
+    let found = identify(&scene.record()).unwrap();
+    let payload = found.report.payload.as_ref().unwrap();
+    let (late, std) = payload.late_s.unwrap();
+    assert!((late - 0.05).abs() < 1e-3 && std < 1e-3, "{late} {std}");
+    assert!((payload.mass_kg - MASS).abs() < 4.0 * payload.mass_std_kg.max(5e-4));
+    let lag = found.report.lag.unwrap();
+    assert!(lag.applied && (lag.value_s - 0.05).abs() < 1e-3, "{lag:?}");
+    assert!(found.report.effects.iter().any(|e| e.name == "time_lag"));
+    let inertia = found.report.term("inertia").unwrap();
+    assert_near("inertia", inertia.value, scene.inertia, 0.02);
+}
+
+#[test]
+fn free_air_shows_the_inertia_of_the_tool_itself() {
+    let found = identify(&Scene::door().record()).unwrap();
+    let payload = found.report.payload.unwrap();
+    let [xx, _, yy, _, _, zz] = payload.inertia_kgm2;
+    for (found, truth) in [xx, yy, zz].into_iter().zip(INERTIA) {
+        assert!((found - truth).abs() < 3e-4, "{:?}", payload.inertia_kgm2);
+    }
+}
+
+#[test]
+fn free_air_after_the_release_alone_contradicts_a_calibration_too() {
+    let mut recording = Scene {
+        free_after_s: 6.0,
+        ..Scene::door()
+    }
+    .record();
+    recording
+        .marks
+        .retain(|mark| mark.value != "free_air_begin");
+    let begin = recording.marks[0].at.offset_by_seconds(-0.5);
+    recording.wrench.retain(|sample| sample.at > begin);
+    let mut wrong = calibration();
+    wrong.payload_mass_kg.value += 0.3;
+    recording.calibration = Some(wrong);
+    let payload = identify(&recording).unwrap().report.payload.unwrap();
+    assert!(payload.contradicted_kg.is_some(), "{payload:?}");
+    assert!((payload.mass_kg - MASS).abs() < 0.02, "{payload:?}");
+}
+
+#[test]
 fn a_drift_between_two_free_air_parts_is_taken_off() {
     let scene = Scene {
         free_after_s: 6.0,
@@ -247,6 +295,21 @@ fn without_marks_a_calibrated_tool_finds_the_grasp_by_itself() {
         4.0,
         0.05,
     );
+}
+
+#[test]
+fn a_shaken_tool_seems_to_push_by_the_noise_of_its_poses_and_has_grasped_nothing() {
+    let mut recording = Scene {
+        pose_noise_m: 2e-3,
+        ..Scene::door()
+    }
+    .record();
+    recording.calibration = Some(calibration());
+    recording.marks.clear();
+    let found = identify(&recording).unwrap();
+    assert_eq!(found.report.input.grasp.as_deref(), Some("wrench"));
+    let inertia = found.report.term("inertia").unwrap();
+    assert_near("inertia", inertia.value, 4.0, 0.05);
 }
 
 #[test]

@@ -98,6 +98,20 @@ fn the_stated_uncertainty_covers_the_error() {
 }
 
 #[test]
+fn a_short_arc_is_one_when_the_tool_turns_as_it_does() {
+    let (truth, handle) = door();
+    for seed in 0..10 {
+        // 7 degrees bend by a millimetre.
+        let samples = track(&truth, handle, 0.12, 300 + seed, [5e-4, 1e-3]);
+        let chosen = select(&samples).unwrap();
+        assert_eq!(chosen.kind, JointKind::Revolute, "seed {seed}");
+        let joint = refine(&samples, &chosen);
+        let error = joint.axis.distance(&joint.tool_position) - truth.distance(&handle);
+        assert!(error.abs() < 0.05, "seed {seed}: {error} m");
+    }
+}
+
+#[test]
 fn a_drawer_is_a_line_also_when_the_wander_bends_it() {
     let direction = Unit::new_normalize(Vector3::new(1.0, 0.2, -0.03));
     let truth = ScrewAxis {

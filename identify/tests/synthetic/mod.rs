@@ -17,7 +17,7 @@ use rand_distr::{Distribution, StandardNormal};
 pub const MASS: f64 = 0.49;
 pub const COM: [f64; 3] = [0.021, 0.020, 0.059];
 pub const BIAS: [f64; 6] = [1.1, -0.7, 0.4, 0.03, -0.05, 0.02];
-const INERTIA: [f64; 3] = [0.0010, 0.0009, 0.0005];
+pub const INERTIA: [f64; 3] = [0.0010, 0.0009, 0.0005];
 const START_NS: i64 = 1_700_000_000_000_000_000;
 const GRASP_S: f64 = 9.0;
 
@@ -36,6 +36,10 @@ pub struct Scene {
     pub free_after_s: f64,
     pub wander: [f64; 2],
     pub drift_n_per_s: f64,
+    /// By how much the wrench comes later than it is stamped, s.
+    pub late_s: f64,
+    /// White noise of each pose, m.
+    pub pose_noise_m: f64,
     /// Angle by which the tool turns on what it holds, half way through.
     pub turned_in_grasp: f64,
     pub seed: u64,
@@ -55,6 +59,8 @@ impl Scene {
             free_after_s: 0.0,
             wander: [1.5e-3, 2e-3],
             drift_n_per_s: 0.0,
+            late_s: 0.0,
+            pose_noise_m: 2.4e-5,
             turned_in_grasp: 0.0,
             seed: 1,
         }
@@ -154,7 +160,7 @@ impl Scene {
             .map(|i| i as f64 / 800.0)
             .map(|t| Stamped {
                 at: at(t),
-                value: self.wrench(t, &tcp_from_sensor, &mut noise),
+                value: self.wrench(t - self.late_s, &tcp_from_sensor, &mut noise),
             })
             .collect();
         let mut drift = [
@@ -169,7 +175,7 @@ impl Scene {
                     *d = *d * rho + noise.vector() * (size * (1.0 - rho * rho).sqrt());
                 }
                 let mut pose = self.tcp(t) * device_from_tcp.inverse();
-                pose.translation.vector += drift[0] + noise.vector() * 2.4e-5;
+                pose.translation.vector += drift[0] + noise.vector() * self.pose_noise_m;
                 pose.rotation = UnitQuaternion::from_scaled_axis(drift[1] + noise.vector() * 8e-5)
                     * pose.rotation;
                 Stamped {
