@@ -352,26 +352,26 @@ fn drop_useless(
             if found.taken_out() || of_object && !diagnosis.is_table {
                 continue;
             }
-            let mut without = diagnosis.clone();
-            without.effects.remove(i);
-            without.refit()?;
-            if without.model.held_out_rms <= diagnosis.model.held_out_rms {
+            let without = diagnosis.error_without(i)?;
+            if without <= diagnosis.model.held_out_rms {
                 useless = Some((i, without));
                 break;
             }
         }
-        let Some((i, mut without)) = useless else {
+        let Some((i, without)) = useless else {
             break;
         };
-        without.refused.push(Refused {
-            name: diagnosis.effects[i].found.kind.name,
+        let name = diagnosis.effects[i].found.kind.name;
+        diagnosis.refused.push(Refused {
+            name,
             reason: "beside all others it does not lower the error on held-out strokes".to_owned(),
-            held_out_rms: [without.model.held_out_rms, diagnosis.model.held_out_rms],
+            held_out_rms: [without, diagnosis.model.held_out_rms],
         });
+        diagnosis.effects.remove(i);
+        diagnosis.refit()?;
         for there in &mut *confirmed {
             there.rms.remove(i);
         }
-        *diagnosis = without;
     }
     Ok(())
 }

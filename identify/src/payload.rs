@@ -29,7 +29,7 @@ use rows::{FreeAir, of_a_point, tensor};
 pub enum PayloadError {
     /// Neither free air nor a calibration.
     #[error(
-        "the tool's own weight is unknown: the recording has {free_air_s:.1} s in free air before the grasp (need {needed_s:.1} s) and no calibration; \
+        "the tool's own weight is unknown: the recording has {free_air_s:.1} s in free air before the grasp (need {needed_s:.1} s there or after the release) and no calibration; \
          move the tool in free air before grasping, or put a [calibration] of the tool into capture.toml"
     )]
     Unknown {
@@ -87,7 +87,7 @@ pub struct Payload {
     /// Its standard deviation, of a calibration.
     #[serde(skip)]
     pub(crate) inertia_std: [f64; 6],
-    /// Covariance of mass, first moment and inertia about the sensor's origin, where free air says it.
+    /// Covariance of mass, first moment and inertia about the sensor's origin.
     #[serde(skip)]
     pub(crate) covariance: Option<Box<SMatrix<f64, 10, 10>>>,
     /// By how much the wrench comes later than the pose, as free air shows it, and the standard deviation, s.
@@ -129,6 +129,8 @@ pub enum Since {
 }
 
 const MIN_FREE_AIR_S: f64 = 1.5;
+/// Of free air no more is used, s.
+const MOST_FREE_AIR_S: f64 = 120.0;
 /// Free air after the release from which a still tool shows what it weighs, s.
 const LEAST_AFTER_S: f64 = 0.4;
 /// A change of the wrench over a recording that is more than a warm sensor's usual drift: N, N m.
@@ -160,13 +162,12 @@ impl Payload {
     ) -> Result<Self, PayloadError> {
         let seconds =
             |runs: &[Range<usize>]| runs.iter().map(Range::len).sum::<usize>() as f64 * tool.period;
-        // Free air after the release shows the tool as well.
-        let (before, after) =
-            if seconds(before) < MIN_FREE_AIR_S && seconds(after) >= MIN_FREE_AIR_S {
-                (after, [].as_slice())
-            } else {
-                (before, after)
-            };
+        // Of long free air what is next to the grasp tells enough.
+        let most = (MOST_FREE_AIR_S / tool.period) as usize;
+        let (before, after) = (&latest(before, most), &earliest(after, most));
+        if seconds(before) < MIN_FREE_AIR_S && seconds(after) >= MIN_FREE_AIR_S {
+            return Self::after_alone(tool, kinematics, after, calibration);
+        }
         if seconds(before) < MIN_FREE_AIR_S {
             let calibration = calibration.ok_or(PayloadError::Unknown {
                 free_air_s: seconds(before),
@@ -214,6 +215,33 @@ impl Payload {
             payload.learn_drift(tool, kinematics, after)?;
         }
         Ok(payload)
+    }
+
+    /// As [`Self::estimate`], where only free air after the release is long enough. The tool may have been put down there: beside a calibration it counts
+    /// when it was turned enough to be weighed, and left nothing like a push.
+    fn after_alone(
+        tool: &ToolSamples,
+        kinematics: &ToolKinematics,
+        after: &[Range<usize>],
+        calibration: Option<&Calibration>,
+    ) -> Result<Self, PayloadError> {
+        let alone = Self::estimate(tool, kinematics, after, &[], None);
+        let Some(calibration) = calibration else {
+            return alone;
+        };
+        let calibrated = Self::calibrated(calibration);
+        let near = |payload: &Self| {
+            let mut each = payload
+                .bias
+                .iter()
+                .zip(&calibrated.bias)
+                .zip(&calibrated.bias_std);
+            each.all(|((there, here), std)| (there - here).abs() < CONTRADICTS * std)
+        };
+        if !alone.is_ok_and(|payload| near(&payload)) {
+            return Ok(calibrated);
+        }
+        Self::estimate(tool, kinematics, after, &[], Some(calibration))
     }
 
     /// The payload with what free air after the release shows of a mass that was put on, or of a bias that went away, and which
@@ -341,6 +369,17 @@ impl Payload {
         } else {
             bias_std = [20.0, 20.0, 20.0, 1.0, 1.0, 1.0];
         }
+        let (mass, com) = (&calibration.payload_mass_kg, &calibration.payload_com_m);
+        let mut covariance = SMatrix::<f64, 10, 10>::zeros();
+        covariance[(0, 0)] = mass.std.powi(2);
+        for k in 0..3 {
+            let moment = (mass.value * com.std[k]).hypot(mass.std * com.value[k]);
+            covariance[(1 + k, 1 + k)] = moment.powi(2);
+        }
+        for k in 0..6 {
+            let std = calibration.payload_inertia_kgm2.std[k];
+            covariance[(4 + k, 4 + k)] = std.powi(2);
+        }
         Self {
             source: PayloadSource::Calibration,
             mass_kg: calibration.payload_mass_kg.value,
@@ -349,7 +388,7 @@ impl Payload {
             com_std_m: calibration.payload_com_m.std,
             inertia_kgm2: calibration.payload_inertia_kgm2.value,
             inertia_std: calibration.payload_inertia_kgm2.std,
-            covariance: None,
+            covariance: Some(Box::new(covariance)),
             late_s: None,
             bias: bias.map_or([0.0; 6], |bias| bias.value),
             bias_std,
@@ -472,6 +511,31 @@ const LATE_KNOWN_S: f64 = 2e-3;
 const LATE_APART_S: f64 = 1e-3;
 const LATE_SURE: f64 = 5.0;
 const LEAST_LATE_S: f64 = 1.5e-3;
+
+/// The last `most` samples of `runs`.
+fn latest(runs: &[Range<usize>], most: usize) -> Vec<Range<usize>> {
+    let mut left = most;
+    let mut out: Vec<Range<usize>> = Vec::new();
+    for run in runs.iter().rev() {
+        let taken = run.len().min(left);
+        left -= taken;
+        out.push(run.end - taken..run.end);
+    }
+    out.reverse();
+    out.retain(|run| !run.is_empty());
+    out
+}
+
+/// The first `most` samples of `runs`.
+fn earliest(runs: &[Range<usize>], most: usize) -> Vec<Range<usize>> {
+    let mut left = most;
+    let first = runs.iter().map(|run| {
+        let taken = run.len().min(left);
+        left -= taken;
+        run.start..run.start + taken
+    });
+    first.filter(|run| !run.is_empty()).collect()
+}
 
 fn mean_time(tool: &ToolSamples, runs: &[Range<usize>]) -> f64 {
     let (sum, count) = runs

@@ -76,24 +76,31 @@ pub(crate) fn longest(
             });
         // What never moves is not at its end.
         let is_extreme = |i: usize| extreme > least && sign * value(i) >= extreme;
-        let samples = held
+        let stretches = held
             .iter()
-            .map(|run| at_extreme(run, &value, is_extreme, &moves));
-        (sign * extreme, samples.sum::<usize>())
+            .flat_map(|run| at_extreme(run, &value, is_extreme, &moves));
+        let stretches: Vec<(usize, bool)> = stretches.collect();
+        // A range ends at one value each time; two tops of a signal are hardly as high.
+        let clipped = stretches.len() > MOST_ROUND;
+        let samples = stretches.iter().filter(|(_, round)| clipped || !round);
+        (
+            sign * extreme,
+            samples.map(|(length, _)| length).sum::<usize>(),
+        )
     });
     let longest = ends.into_iter().max_by_key(|(_, samples)| *samples);
     longest.filter(|(_, samples)| *samples > 0)
 }
 
-/// Samples of a run in stretches of at least [`LASTING`] where `is_extreme` holds and something else moves. The round top of a signal of coarse
-/// steps is none: it is there for no longer than [`ROUND`] times what it is one step lower on a side.
+/// Lengths of the stretches of a run of at least [`LASTING`] samples where `is_extreme` holds and something else moves, and whether each is the round
+/// top of a signal of coarse steps: there for no longer than [`ROUND`] times what it is one step lower on a side.
 fn at_extreme(
     run: &Range<usize>,
     value: &impl Fn(usize) -> f64,
     is_extreme: impl Fn(usize) -> bool,
     moves: &impl Fn(usize) -> bool,
-) -> usize {
-    let mut total = 0;
+) -> Vec<(usize, bool)> {
+    let mut out = Vec::new();
     let mut start = run.start;
     for i in run.start..=run.end {
         if i < run.end && is_extreme(i) {
@@ -107,20 +114,22 @@ fn at_extreme(
                 let step = 1.5 * (value(from) - value(start)).abs();
                 move |k: &usize| (value(*k) - value(start)).abs() <= step
             };
-            let before = (run.start..start).rev();
-            let before = before.take_while(near(start.max(run.start + 1) - 1));
-            let after = (i..run.end).take_while(near(i.min(run.end - 1)));
-            if ROUND * (before.count() + after.count()) < 2 * length {
-                total += length;
-            }
+            let before = (start > run.start)
+                .then(|| (run.start..start).rev().take_while(near(start - 1)).count());
+            let after = (i < run.end).then(|| (i..run.end).take_while(near(i)).count());
+            let sides = [before, after].into_iter().flatten();
+            let (sum, count) = sides.fold((0, 0), |(sum, n), side| (sum + side, n + 1));
+            out.push((length, ROUND * sum >= count.max(1) * length));
         }
         start = i + 1;
     }
-    total
+    out
 }
 
 /// See [`at_extreme`].
 const ROUND: usize = 8;
+/// More stretches at one extreme are no tops.
+const MOST_ROUND: usize = 3;
 
 #[cfg(test)]
 mod tests {

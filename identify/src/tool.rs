@@ -1,6 +1,6 @@
 //! The tool's pose and wrench from a recording, on one uniform grid.
 //!
-//! The grid has the wrench's own median rate. Wrenches are interpolated linearly, rotations by slerp, positions by cubic
+//! The grid has the wrench's own median rate. Wrenches are interpolated linearly, positions and rotations by cubic
 //! Hermite pieces. Where either stream has a hole (over 20 ms and over three of its periods) there is a gap: runs end and
 //! begin there, and nothing is interpolated across. Poses that only repeat the one before under a new stamp are left out.
 

@@ -344,7 +344,6 @@ fn two_effects_are_both_found_and_each_lowers_the_error() {
     );
 }
 
-/// Nor is one of them named at random where the friction one way would be several times that of the other.
 #[test]
 fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
     let falls = |t: f64, _: f64, dq: f64, _: f64| -0.02 * t * dq.signum();
@@ -359,6 +358,7 @@ fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
     assert!((coulomb - 1.8).abs() < 0.05, "{coulomb}");
 }
 
+/// Nor is one of them named at random where the friction one way would be several times that of the other.
 #[test]
 fn a_load_and_a_friction_that_differs_by_direction_are_not_told_apart() {
     let found = look(&Drawer::with(|_, _, _, _| 2.0).record(40.0, 3));

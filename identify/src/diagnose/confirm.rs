@@ -11,6 +11,7 @@ use crate::effect::library::{Belongs, kind};
 use crate::effect::slip::SLIP;
 use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
+use crate::payload::is_seen;
 use crate::samples::{JointSamples, extrema};
 
 /// Errors on a confirming recording.
@@ -268,7 +269,15 @@ fn confirm_lag(
             continue;
         };
         let mut after = before;
-        for _ in 0..4 {
+        let seen = samples.aside.late.filter(is_seen);
+        if let Some((late, _)) = seen {
+            there = late;
+            let earlier = samples.with_effort_earlier(late);
+            *ground = Ground::of(Motion::prepare(&earlier, settings)?)?;
+            after = error(ground)?.unwrap_or(f64::INFINITY);
+        }
+        let rounds = if seen.is_some() { 0 } else { 4 };
+        for _ in 0..rounds {
             let mut x = ground.columns(&found)?;
             x.extend(ground.columns_of(time_lag, &[])?);
             let Some(rest) = super::score::solve(&x, &ground.y).and_then(|t| t.last().copied())
@@ -288,7 +297,7 @@ fn confirm_lag(
         pairs.push([before, after]);
         *shift = there;
         // Another recording may have another lag, but not none.
-        if after >= before || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
+        if after >= before && seen.is_none() || there * lag < 0.0 || there.abs() < 0.3 * lag.abs() {
             failed = Some((
                 format!(
                     "not confirmed on {file}: the lag there is {:.2} ms",

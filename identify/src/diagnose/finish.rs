@@ -105,7 +105,9 @@ impl State {
             let before = fit_found(&Motion::prepare(&late, &self.settings)?, &ordered)?;
             let held_out_rms = [before.held_out_rms, model.held_out_rms];
             let share = 1.0 - (held_out_rms[1] / held_out_rms[0]).powi(2);
-            if share < SURE && model.held_out_rms > EXPLAINED_BELOW * self.floor.rms {
+            // Of what free air shows there is no doubt, but it may do nothing that a name would be needed for.
+            let known = p_value == 0.0;
+            if !known && share < SURE && model.held_out_rms > EXPLAINED_BELOW * self.floor.rms {
                 self.refused
                     .push(doubt("time_lag", share, held_out_rms, self.floor.rms));
                 self.shift(late)?;
@@ -125,7 +127,8 @@ impl State {
             };
             // A grasp that gives moves tool and object apart in time as well.
             let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
-            if lag.abs() > LEAST_BESIDE || !effects.iter().any(gives) {
+            let needed = !known || share > 0.0;
+            if needed && (lag.abs() > LEAST_BESIDE || !effects.iter().any(gives)) {
                 self.refused.retain(|refused| refused.name != time_lag.name);
                 effects.push(effect);
             }

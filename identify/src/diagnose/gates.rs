@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::model::{Found, is_load, is_smooth_load, signs_hold};
+use super::null::slow_effort;
 use super::scan::{Look, Ranked, evidence};
 use super::score::Problem;
 use super::search::{Refused, State};
@@ -260,9 +261,12 @@ impl State {
     /// What a grasp that gives scores with columns of an effort without the noise of the poses.
     fn score_of_quiet(&self, entry: &Ranked) -> f64 {
         let score = || {
-            let column = played_quietly(&self.ground.scope(), &entry.shape);
+            let found = self.found();
+            let theta = self.fit().ok()?.theta;
+            let slow = slow_effort(&self.ground.motion, &found, theta.as_slice());
+            let column = played_quietly(&self.ground.scope(), &slow, &entry.shape);
             let column = self.ground.motion.regressor(&column).ok()?;
-            let x = self.ground.columns(&self.found()).ok()?;
+            let x = self.ground.columns(&found).ok()?;
             let efforts = [self.ground.y.clone()];
             let problem = Problem::new(&x, &efforts, &self.ground.folds);
             let before = problem.alone()?[0].mse;

@@ -70,6 +70,15 @@ fn raw_effort(motion: &Motion, effects: &[Found], theta: &[f64]) -> Vec<f64> {
     combine(&series, theta)
 }
 
+/// What a model needs at each sample without inertia, unfiltered.
+pub(super) fn slow_effort(motion: &Motion, effects: &[Found], theta: &[f64]) -> Vec<f64> {
+    let mut series = vec![motion.sign.clone(), motion.dq.clone()];
+    for effect in effects {
+        series.extend(effect.series(motion));
+    }
+    combine(&series, theta.get(1..).unwrap_or(&[]))
+}
+
 fn error_of(
     ground: &Ground,
     (effects, theta, raw): (&[Found], &[f64], &[f64]),

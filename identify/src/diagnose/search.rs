@@ -230,6 +230,17 @@ impl Diagnosis {
         all.filter(|found| !found.taken_out()).collect()
     }
 
+    /// Error on held-out strokes of the model without effect `i`.
+    ///
+    /// # Errors
+    /// [`DynamicsError`].
+    pub fn error_without(&self, i: usize) -> Result<f64, DynamicsError> {
+        let kept = self.effects.iter().enumerate().filter(|(k, _)| *k != i);
+        let found = kept.map(|(_, effect)| effect.found.clone());
+        let found: Vec<Found> = found.filter(|found| !found.taken_out()).collect();
+        Ok(fit_found(&self.motion, &found)?.held_out_rms)
+    }
+
     /// Fits the model anew after effects were taken out or the motion changed.
     ///
     /// # Errors

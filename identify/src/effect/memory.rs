@@ -93,9 +93,10 @@ pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
     played_by(scope, &scope.motion.tau, gap, compliance)
 }
 
-/// As the columns of [`BACKLASH`] and of a grasp that gives, `shape` as theirs, of an effort without the noise of the poses.
-pub(crate) fn played_quietly(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
-    let tau = on_handle(scope);
+/// As the columns of [`BACKLASH`] and of a grasp that gives, `shape` as theirs, of an effort without the noise of the poses. `slow` is what the model
+/// needs at each sample without inertia.
+pub(crate) fn played_quietly(scope: &Scope<'_>, slow: &[f64], shape: &[f64]) -> Vec<f64> {
+    let tau = on_handle(scope, slow);
     match *shape {
         [gap, compliance] => played_by(scope, &tau, gap, compliance),
         [compliance] => played_by(scope, &tau, 0.0, compliance),
@@ -120,21 +121,18 @@ fn played_by(scope: &Scope<'_>, tau: &[f64], gap: f64, compliance: f64) -> Vec<f
 /// The effort on the handle without the noise of the poses. What was taken off for the tool has their acceleration's, which is also what a fit
 /// leaves most of; a deflection made of it would explain that. The sensor itself has none: it shows the inertia of tool and object, of which the
 /// object has its share.
-fn on_handle(scope: &Scope<'_>) -> Vec<f64> {
+fn on_handle(scope: &Scope<'_>, slow: &[f64]) -> Vec<f64> {
     let motion = scope.motion;
-    let [inertia, coulomb, viscous] = scope.rigid;
-    let all = inertia + motion.tool_inertia;
+    let inertia = scope.rigid[0];
     if motion.tool_inertia == 0.0 || inertia == 0.0 {
         return motion.tau.clone();
     }
-    let (share, rest) = (inertia / all, motion.tool_inertia / all);
-    let states = motion.dq.iter().zip(&motion.sign);
-    let efforts = motion.tau.iter().zip(&motion.ddq);
+    let share = inertia / (inertia + motion.tool_inertia);
+    let efforts = motion.tau.iter().zip(&motion.ddq).zip(slow);
     efforts
-        .zip(states)
-        .map(|((tau, ddq), (dq, sign))| {
+        .map(|((tau, ddq), slow)| {
             let measured = tau + motion.tool_inertia * ddq;
-            share * measured + rest * (coulomb * sign + viscous * dq)
+            share * measured + (1.0 - share) * slow
         })
         .collect()
 }

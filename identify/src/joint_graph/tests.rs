@@ -107,7 +107,8 @@ fn a_short_arc_is_one_when_the_tool_turns_as_it_does() {
         assert_eq!(chosen.kind, JointKind::Revolute, "seed {seed}");
         let joint = refine(&samples, &chosen);
         let error = joint.axis.distance(&joint.tool_position) - truth.distance(&handle);
-        assert!(error.abs() < 0.05, "seed {seed}: {error} m");
+        let std = joint.radius_std;
+        assert!(error.abs() < 4.0 * std, "seed {seed}: {error} ± {std} m");
     }
 }
 

@@ -96,18 +96,24 @@ impl FreeAir {
         })
     }
 
-    /// The rows with the wrench read `late_s` later.
+    /// The rows with the wrench read `late_s` later: of the same samples however late it is, and of none at the ends of a run, where differences and
+    /// filter see one side only.
     pub(super) fn rows(&self, late_s: f64) -> Rows {
+        let border = (LATEST_S / self.period).ceil() as usize;
         let mut blocks = [Vec::new(), Vec::new()];
         // Axis by axis in the order of time, by which what residuals are worth is counted.
         for axis in 0..6 {
             for run in &self.runs {
+                let all = run.measured.len();
+                let border = border.min(all / 4);
+                let inside = border..all.saturating_sub(border);
                 for (k, columns) in run.columns.iter().enumerate() {
-                    let at = (k * run.step) as f64 + late_s / self.period;
-                    let low = at.floor();
-                    if low < 0.0 || low as usize + 1 >= run.measured.len() {
+                    let at = k * run.step;
+                    if !inside.contains(&at) {
                         continue;
                     }
+                    let at = (at as f64 + late_s / self.period).clamp(0.0, (all - 2) as f64);
+                    let low = at.floor();
                     let [a, b] = [0, 1].map(|next| run.measured[low as usize + next][axis]);
                     let mut row = Parameters::zeros();
                     row.fixed_rows_mut::<BIAS>(0)
@@ -130,8 +136,7 @@ impl FreeAir {
         noise: [f64; 2],
     ) -> Option<(f64, f64)> {
         let cost = |late: f64| -> (f64, f64) {
-            let rows = self.rows(late);
-            let solved = rows.solve(payload, prior, noise);
+            let solved = self.rows(late).solve(payload, prior, noise);
             let worth: f64 = solved.residuals.iter().map(|r| effective_count(r)).sum();
             let each = solved.residuals.iter().zip(noise);
             let squares: f64 = each
@@ -149,19 +154,16 @@ impl FreeAir {
             let best = (0..tried.len()).min_by(|&a, &b| tried[a].1.0.total_cmp(&tried[b].1.0))?;
             (best > 0 && best < count).then(|| [tried[best - 1], tried[best], tried[best + 1]])
         };
-        let [_, (coarse, _), _] = least(EARLIEST_S, LATEST_S, COARSE_S)?;
-        let around = least(coarse - COARSE_S, coarse + COARSE_S, FINE_S)?;
+        let [_, (coarse, _), _] = least(EARLIEST_S, LATEST_S - FINE_S, COARSE_S)?;
+        let around = least(coarse - COARSE_S, (coarse + COARSE_S).min(LATEST_S), FINE_S)?;
         let [(_, (a, _)), (at, (b, worth)), (_, (c, _))] = around;
         let bend = a - 2.0 * b + c;
         if bend <= 0.0 || b <= 0.0 {
             return None;
         }
-        // Squares over what is left of them make the usual chi-square.
-        let std = (FINE_S * FINE_S / (bend / b * 0.5 * worth)).sqrt();
-        Some((
-            at + 0.5 * FINE_S * (a - c) / bend,
-            std / core::f64::consts::SQRT_2,
-        ))
+        // Squares over what is left of them at best, times what they are worth, are the usual chi-square.
+        let std = FINE_S * (2.0 * b / (bend * worth.max(1.0))).sqrt();
+        Some((at + 0.5 * FINE_S * (a - c) / bend, std))
     }
 }
 

@@ -108,9 +108,9 @@ pub fn select(track: &PoseSamples) -> Result<Candidates, SelectError> {
         bic_prismatic += turn.bic_prismatic;
     }
     // A short arc bends less than positions wander; a tool that turns as the arc has it, and not as a slide would, says so too.
-    let turns = turn.as_ref().is_some_and(|turn| {
-        turn.agrees(JointKind::Revolute) && turn.bic_revolute + DECISIVE < turn.bic_prismatic
-    });
+    let turns = turn
+        .as_ref()
+        .is_some_and(|turn| turn.follows() && turn.bic_revolute + DECISIVE < turn.bic_prismatic);
     let bends = bends || turns && circle.radius < 20.0 * extent;
     let kind = if bends && bic_revolute < bic_prismatic {
         JointKind::Revolute

@@ -15,6 +15,11 @@ pub(super) struct Turn {
 }
 
 impl Turn {
+    /// Whether the tool turns by what a circle has it, to a tenth of the sweep, however small that is.
+    pub(super) fn follows(&self) -> bool {
+        self.rms_revolute < 0.1 * self.sweep
+    }
+
     /// Whether the tool's rotation is what the joint would give it, to a tenth of the sweep or 3 degrees.
     pub(super) fn agrees(&self, kind: JointKind) -> bool {
         match kind {

@@ -72,9 +72,13 @@ impl Stream {
 /// Poses with their times, ascending.
 pub(super) struct PoseStream {
     samples: Vec<(f64, Isometry3<f64>)>,
-    /// Of the step from each sample to the next.
-    steps: Vec<Step>,
     hole: f64,
+}
+
+/// Where a [`PoseStream`] is read, with the step there.
+pub(super) struct PosePlace {
+    from: usize,
+    step: Option<(usize, Step)>,
 }
 
 /// How a tool goes from one sample to the next: displacement in `world`, turn in the axes of the first, and their rates at either end.
@@ -88,13 +92,7 @@ struct Step {
 impl PoseStream {
     pub(super) fn new(samples: Vec<(f64, Isometry3<f64>)>) -> Self {
         let hole = HOLE_S.max(3.0 * median_step(samples.iter().map(|s| s.0)));
-        let all = 0..samples.len().saturating_sub(1);
-        let steps = all.map(|i| Step::of(&samples, i, hole)).collect();
-        Self {
-            samples,
-            steps,
-            hole,
-        }
+        Self { samples, hole }
     }
 
     pub(super) fn span(&self) -> (f64, f64) {
@@ -105,14 +103,21 @@ impl PoseStream {
     }
 
     /// Where reading at `t` begins.
-    pub(super) fn place(&self, t: f64) -> usize {
-        place(&self.samples, t)
+    pub(super) fn place(&self, t: f64) -> PosePlace {
+        PosePlace {
+            from: place(&self.samples, t),
+            step: None,
+        }
     }
 
     /// Hermite position and rotation at `t`.
-    pub(super) fn at(&self, t: f64, from: &mut usize) -> Option<Isometry3<f64>> {
-        let (i, u) = bracket(&self.samples, t, from, self.hole)?;
-        let ((t0, a), step) = (&self.samples[i], &self.steps[i]);
+    pub(super) fn at(&self, t: f64, place: &mut PosePlace) -> Option<Isometry3<f64>> {
+        let (i, u) = bracket(&self.samples, t, &mut place.from, self.hole)?;
+        let (t0, a) = &self.samples[i];
+        let here = place.step.take_if(|(of, _)| *of == i);
+        let (_, step) = place
+            .step
+            .insert(here.unwrap_or_else(|| (i, Step::of(&self.samples, i, self.hole))));
         let long = self.samples[i + 1].0 - t0;
         let (u2, u3) = (u * u, u * u * u);
         let weights = [
@@ -291,7 +296,7 @@ mod tests {
             .map(|t| (t, Isometry3::new(path(t), Vector3::z() * t)))
             .collect();
         let stream = PoseStream::new(samples);
-        let mut from = 0;
+        let mut from = stream.place(0.0);
         for k in 0..180 {
             let t = 0.02 + 0.005 * f64::from(k);
             let pose = stream.at(t, &mut from).unwrap();
@@ -312,7 +317,7 @@ mod tests {
             )
         });
         let stream = PoseStream::new(poses.collect());
-        let mut from = 0;
+        let mut from = stream.place(0.0);
         for k in 0..1400 {
             let t = 0.1 + 0.001 * f64::from(k);
             let pose = stream.at(t, &mut from).unwrap();
