@@ -15,9 +15,9 @@ pub(super) struct Turn {
 }
 
 impl Turn {
-    /// Whether the tool turns by what a circle has it, to a tenth of the sweep, however small that is.
+    /// Whether the tool turns by what a circle has it, to a fifth of the sweep, however small that is: the radius of a short arc is as uncertain.
     pub(super) fn follows(&self) -> bool {
-        self.rms_revolute < 0.1 * self.sweep
+        self.rms_revolute < 0.2 * self.sweep
     }
 
     /// Whether the tool's rotation is what the joint would give it, to a tenth of the sweep or 3 degrees.
