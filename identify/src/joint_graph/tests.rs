@@ -102,7 +102,7 @@ fn a_short_arc_is_one_when_the_tool_turns_as_it_does() {
     let (truth, handle) = door();
     for seed in 0..10 {
         // 7 degrees bend by a millimetre.
-        let samples = track(&truth, handle, 0.12, 300 + seed, [5e-4, 1e-3]);
+        let samples = track(&truth, handle, 0.12, 300 + seed, [1e-4, 1e-3]);
         let chosen = select(&samples).unwrap();
         assert_eq!(chosen.kind, JointKind::Revolute, "seed {seed}");
         let joint = refine(&samples, &chosen);
