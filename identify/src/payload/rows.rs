@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{Payload, PayloadSource, TENSOR};
 use crate::filter::{FilterError, LowPass};
 use crate::least_squares::{effective_count, rms};
+use crate::parallel::in_parallel;
 use crate::tool::{ToolKinematics, ToolSamples};
 
 /// Above it the tracker's noise in the accelerations would be taken for a tool that moves more than it weighs.
@@ -31,8 +32,9 @@ const GYRATION_SURE: f64 = 0.7;
 /// A wrench that is late or early by more is another matter, s.
 const LATEST_S: f64 = 0.12;
 const EARLIEST_S: f64 = -0.05;
-const COARSE_S: f64 = 5e-3;
-const FINE_S: f64 = 1e-3;
+/// What is left below the cut-off changes over tens of milliseconds.
+const COARSE_S: f64 = 1e-2;
+const FINE_S: f64 = 2.5e-3;
 
 /// Free air through one filter.
 pub(super) struct FreeAir {
@@ -147,10 +149,8 @@ impl FreeAir {
         };
         let least = |from: f64, to: f64, step: f64| {
             let count = ((to - from) / step).round() as usize;
-            let tried: Vec<(f64, (f64, f64))> = (0..=count)
-                .map(|k| from + k as f64 * step)
-                .map(|late| (late, cost(late)))
-                .collect();
+            let lates: Vec<f64> = (0..=count).map(|k| from + k as f64 * step).collect();
+            let tried = in_parallel(&lates, |late| (*late, cost(*late)));
             let best = (0..tried.len()).min_by(|&a, &b| tried[a].1.0.total_cmp(&tried[b].1.0))?;
             (best > 0 && best < count).then(|| [tried[best - 1], tried[best], tried[best + 1]])
         };
