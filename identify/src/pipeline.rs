@@ -94,7 +94,7 @@ pub fn identify_confirmed(
     let read = || -> Result<_, IdentifyError> {
         let mut recording = Recording::load(path, map)?;
         progress(Stage::Read);
-        let tool = ToolSamples::from_recording(&recording)
+        let tool = ToolSamples::means_from_recording(&recording)
             .map_err(|error| beside_damage(&recording, error.into()))?;
         // Hours of samples, all of them in `tool` now.
         recording.wrench = Vec::new();
@@ -158,7 +158,7 @@ pub fn joint_samples(
     recording: &Recording,
     settings: &MotionSettings,
 ) -> Result<JointSamples, IdentifyError> {
-    let tool = ToolSamples::from_recording(recording)?;
+    let tool = ToolSamples::means_from_recording(recording)?;
     let held = Held::of(recording, &tool, settings, &mut |_| {})?;
     held.payload?;
     Ok(held.effort.samples)
@@ -173,7 +173,7 @@ pub fn identify_loaded(
     settings: &MotionSettings,
     progress: &mut dyn FnMut(Stage),
 ) -> Result<Identified, IdentifyError> {
-    let tool = ToolSamples::from_recording(recording)?;
+    let tool = ToolSamples::means_from_recording(recording)?;
     let held = Held::of(recording, &tool, settings, progress)?;
     identify_with(recording, (tool, held), &[], settings, progress)
 }
@@ -371,7 +371,7 @@ impl Held {
                 progress(Stage::Aligned);
                 let (grasp, payload) =
                     grasp_and_payload(recording, tool, &kinematics, marked.as_ref())?;
-                let saturated = saturation::find(&tool.wrench, &grasp.held);
+                let saturated = saturation::find(&tool.wrench, tool.averaged, &grasp.held);
                 Ok((kinematics, grasp, payload, saturated))
             },
         );

@@ -39,17 +39,20 @@ impl Saturated {
 
 /// Equal samples on end that no noisy signal has at its very extreme.
 const LASTING: usize = 8;
+/// Of means at least so many.
+const LASTING_MEANS: usize = 3;
 
-/// The channel of `wrench` that is longest at its extreme within `held`; nothing when none is. A device that repeats whole
-/// samples is not saturated.
+/// The channel of `wrench`, each a mean of so many that are `averaged`, that is longest at its extreme within `held`; nothing when none is. A device
+/// that repeats whole samples is not saturated.
 #[must_use]
-pub fn find(wrench: &[[f64; 6]], held: &[Range<usize>]) -> Option<Saturated> {
+pub fn find(wrench: &[[f64; 6]], averaged: usize, held: &[Range<usize>]) -> Option<Saturated> {
+    let lasting = LASTING.div_ceil(averaged.max(1)).max(LASTING_MEANS);
     let of = held.iter().map(Range::len).sum();
     let channels = (0..6).filter_map(|channel| {
         let moves = |k: usize| {
             (0..6).any(|other| other != channel && wrench[k][other] != wrench[k - 1][other])
         };
-        let (value, samples) = longest(held, |i| wrench[i][channel], moves)?;
+        let (value, samples) = longest_of(lasting, held, |i| wrench[i][channel], moves)?;
         Some(Saturated {
             channel,
             value,
@@ -67,6 +70,16 @@ pub(crate) fn longest(
     value: impl Fn(usize) -> f64,
     moves: impl Fn(usize) -> bool,
 ) -> Option<(f64, usize)> {
+    longest_of(LASTING, held, value, moves)
+}
+
+/// As [`longest`], counting stretches of `lasting` samples and more.
+fn longest_of(
+    lasting: usize,
+    held: &[Range<usize>],
+    value: impl Fn(usize) -> f64,
+    moves: impl Fn(usize) -> bool,
+) -> Option<(f64, usize)> {
     let ends = [1.0, -1.0].map(|sign| {
         let all = held.iter().flat_map(Clone::clone);
         let (least, extreme) = all
@@ -78,7 +91,7 @@ pub(crate) fn longest(
         let is_extreme = |i: usize| extreme > least && sign * value(i) >= extreme;
         let stretches = held
             .iter()
-            .flat_map(|run| at_extreme(run, &value, is_extreme, &moves));
+            .flat_map(|run| at_extreme(lasting, run, &value, is_extreme, &moves));
         let stretches: Vec<(usize, bool)> = stretches.collect();
         // A range ends at one value each time; two tops of a signal are hardly as high.
         let clipped = stretches.len() > MOST_ROUND;
@@ -92,9 +105,10 @@ pub(crate) fn longest(
     longest.filter(|(_, samples)| *samples > 0)
 }
 
-/// Lengths of the stretches of a run of at least [`LASTING`] samples where `is_extreme` holds and something else moves, and whether each is the round
+/// Lengths of the stretches of a run of at least `lasting` samples where `is_extreme` holds and something else moves, and whether each is the round
 /// top of a signal of coarse steps: there for no longer than [`ROUND`] times what it is one step lower on a side.
 fn at_extreme(
+    lasting: usize,
     run: &Range<usize>,
     value: &impl Fn(usize) -> f64,
     is_extreme: impl Fn(usize) -> bool,
@@ -108,7 +122,7 @@ fn at_extreme(
         }
         let mut stretch = start..i;
         let length = stretch.len();
-        if length >= LASTING && stretch.by_ref().skip(1).any(moves) {
+        if length >= lasting && stretch.by_ref().skip(1).any(moves) {
             // Next to it, one step lower.
             let near = |from: usize| {
                 let step = 1.5 * (value(from) - value(start)).abs();
@@ -149,10 +163,27 @@ mod tests {
 
     #[test]
     fn a_clipped_channel_is_found() {
-        let found = find(&wrench(45.0), &[0..400, 500..1000]).unwrap();
+        let found = find(&wrench(45.0), 1, &[0..400, 500..1000]).unwrap();
         assert_eq!((found.name(), found.unit()), ("force y", "N"));
         assert_eq!(found.value.abs(), 45.0);
         assert!(found.share() > 0.05 && found.share() < 0.3, "{found:?}");
+    }
+
+    #[test]
+    fn short_clips_are_found_in_means() {
+        // 22 ms at the end of the range each time, at 1 kHz, and its means over 5 ms.
+        let at = |i: usize| {
+            let force = (i as f64 * 0.05).sin().min(0.85);
+            [force, i as f64 * 1e-3, 0.0, 0.0, 0.0, 0.0]
+        };
+        let wrench: Vec<[f64; 6]> = (0..1000).map(at).collect();
+        let mean = |part: &[[f64; 6]]| {
+            core::array::from_fn(|k| part.iter().map(|w| w[k]).sum::<f64>() / 5.0)
+        };
+        let means: Vec<[f64; 6]> = wrench.chunks(5).map(mean).collect();
+        assert!(find(&wrench, 1, &[0..1000]).is_some());
+        assert!(find(&means, 5, &[0..200]).is_some());
+        assert_eq!(find(&means, 1, &[0..200]), None);
     }
 
     #[test]
@@ -165,13 +196,16 @@ mod tests {
             };
             (0..8000).map(at).collect()
         };
-        assert_eq!(find(&coarse(9.0), &[0..8000]), None);
-        assert!(find(&coarse(6.0), &[0..8000]).is_some());
+        assert_eq!(find(&coarse(9.0), 1, &[0..8000]), None);
+        assert!(find(&coarse(6.0), 1, &[0..8000]).is_some());
     }
 
     #[test]
     fn a_channel_within_its_range_and_a_repeated_sample_are_not() {
-        assert_eq!(find(&wrench(60.0), &[0..1000]), None);
-        assert_eq!(find(&[[3.0, 1.0, 0.0, 0.0, 0.0, 0.0]; 50], &[0..50]), None);
+        assert_eq!(find(&wrench(60.0), 1, &[0..1000]), None);
+        assert_eq!(
+            find(&[[3.0, 1.0, 0.0, 0.0, 0.0, 0.0]; 50], 1, &[0..50]),
+            None
+        );
     }
 }

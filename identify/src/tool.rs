@@ -1,6 +1,6 @@
 //! The tool's pose and wrench from a recording, on one uniform grid.
 //!
-//! The grid has the wrench's own median rate. Wrenches are interpolated linearly, positions and rotations by cubic
+//! The grid has the wrench's own median rate; what is identified lies far below that, and is seen in means over 5 ms. Wrenches are interpolated linearly, positions and rotations by cubic
 //! Hermite pieces. Where either stream has a hole (over 20 ms and over three of its periods) there is a gap: runs end and
 //! begin there, and nothing is interpolated across. Poses that only repeat the one before under a new stamp are left out.
 
@@ -83,6 +83,8 @@ pub struct ToolSamples {
     pub position: Vec<Point3<f64>>,
     /// `world_from_tcp`.
     pub rotation: Vec<UnitQuaternion<f64>>,
+    /// Measured wrenches in the mean that each sample is.
+    pub averaged: usize,
     /// As recorded: force then torque, environment on tool, in `ft_sensor`.
     pub wrench: Vec<[f64; 6]>,
     /// Where the sensor sits.
@@ -95,8 +97,9 @@ pub struct ToolSamples {
 
 const MIN_SAMPLES: usize = 50;
 const MIN_PIECE_S: f64 = 3.0;
-/// Longer recordings are brought onto a coarser grid, of means: 8 min at 1 kHz are not, an hour is seen at 125 Hz. What is
-/// identified lies below 20 Hz; memory stays bounded.
+/// Means of the wrench are over so long, s: what is identified lies below 20 Hz.
+const MEAN_S: f64 = 0.005;
+/// Longer recordings are brought onto a coarser grid, of means: 8 min at 1 kHz are not, an hour is seen at 125 Hz. Memory stays bounded.
 const MOST_SAMPLES: usize = 500_000;
 /// Samples of the grid that are read in a row.
 const STRETCH: usize = 2048;
@@ -104,19 +107,33 @@ const STRETCH: usize = 2048;
 const MOST_HOLES: f64 = 100.0;
 
 impl ToolSamples {
-    /// Brings a recording's streams onto one grid.
+    /// Brings a recording's streams onto one grid, at the rate of the wrench.
     ///
     /// # Errors
     /// [`AlignError`].
     pub fn from_recording(recording: &Recording) -> Result<Self, AlignError> {
+        Self::in_means(recording, 0.0)
+    }
+
+    /// The same in means over 5 ms of a wrench that is faster, for what moves as slowly as a joint.
+    ///
+    /// # Errors
+    /// [`AlignError`].
+    pub fn means_from_recording(recording: &Recording) -> Result<Self, AlignError> {
+        Self::in_means(recording, MEAN_S)
+    }
+
+    /// Each sample the mean over about `mean_s`, one at least.
+    fn in_means(recording: &Recording, mean_s: f64) -> Result<Self, AlignError> {
         let start = recording
             .wrench
             .first()
             .map_or(HostTime::EPOCH, |first| first.at);
         let wrenches = || {
             let measured = fresh(&recording.wrench);
-            let every = measured.len().div_ceil(MOST_SAMPLES);
             let of = |s: &Stamped<[f64; 6]>| (s.at.seconds_since(start), s.value);
+            let within = (mean_s / mean_period(&measured)).round() as usize;
+            let every = measured.len().div_ceil(MOST_SAMPLES).max(within).max(1);
             (Stream::averaged(measured.iter().map(of), every), every)
         };
         let poses = || {
@@ -164,6 +181,7 @@ impl ToolSamples {
             time: Vec::new(),
             position: Vec::new(),
             rotation: Vec::new(),
+            averaged: every,
             wrench: Vec::new(),
             tcp_from_ft_sensor: isometry(&recording.tcp_from_ft_sensor),
             gaps: 0,
@@ -266,10 +284,41 @@ impl ToolSamples {
     }
 }
 
+/// Period of samples that may come in bursts and have holes, s; infinite of a few.
+fn mean_period<T>(samples: &[Stamped<T>]) -> f64 {
+    const MANY: usize = 64;
+    if samples.len() <= 2 * MANY {
+        return f64::INFINITY;
+    }
+    let times = samples.iter().step_by(MANY);
+    median_step(times.map(|s| s.at.seconds_since(samples[0].at))) / MANY as f64
+}
+
 fn isometry(pose: &Pose7) -> Isometry3<f64> {
     let [x, y, z, w] = pose.quaternion;
     Isometry3::from_parts(
         Translation3::from(pose.position),
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_period_of_bursts_with_holes_is_that_of_the_samples() {
+        // 16 samples every 16 ms, 1 us apart, and a hole of 10 s.
+        let at = |k: i64| {
+            let hole = if k > 5000 { 10_000_000_000 } else { 0 };
+            HostTime::from_nanos(16_000_000 * (k / 16) + 1000 * (k % 16) + hole)
+        };
+        let stamped = |k| Stamped {
+            at: at(k),
+            value: (),
+        };
+        let samples: Vec<_> = (0..10_000).map(stamped).collect();
+        assert!((mean_period(&samples) - 1e-3).abs() < 1e-6);
+        assert_eq!(mean_period(&samples[..100]), f64::INFINITY);
+    }
 }

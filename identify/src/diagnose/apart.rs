@@ -12,7 +12,7 @@ use crate::dynamics::DynamicsError;
 /// many times that of the effect in the mean over all recordings, the first included.
 const APART: f64 = 1.03;
 /// The same for play and a grasp that gives: the forms of both are cruder than the difference between them may be.
-const CRUDE_APART: f64 = 1.08;
+pub(super) const CRUDE_APART: f64 = 1.08;
 
 /// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.
 ///

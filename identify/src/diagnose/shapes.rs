@@ -11,6 +11,9 @@ use crate::products::dot;
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
 const ENOUGH: f64 = 1e-5;
+/// A shape that does next to nothing where it is, such as the end of a zone behind the range, is damped as one with this share of the curvature of the
+/// most curved one: it has no reason to go far.
+const FLAT: f64 = 1e-3;
 
 /// A shape parameter of one of the effects, with a step of its own size and with limits.
 #[derive(Clone, Copy)]
@@ -312,9 +315,13 @@ fn stepped(
 ) -> Option<Trial> {
     let mut gram = normal.gram.clone();
     let linear = trial.gram.nrows();
+    let most = (linear..gram.nrows())
+        .map(|i| gram[(i, i)])
+        .fold(0.0, f64::max);
     for i in 0..gram.nrows() {
         let own = gram[(i, i)];
-        gram[(i, i)] += 1e-9 * own + 1e-12 + if i >= linear { damping * own } else { 0.0 };
+        let damped = damping * own.max(FLAT * most);
+        gram[(i, i)] += 1e-9 * own + 1e-12 + if i >= linear { damped } else { 0.0 };
     }
     let step = gram.cholesky()?.solve(&normal.right);
     let mut effects = trial.effects.clone();

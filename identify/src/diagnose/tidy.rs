@@ -1,5 +1,6 @@
 //! After each effect: shapes of all anew, replacements, and what has become superfluous.
 
+use super::apart::CRUDE_APART;
 use super::confirm::shown;
 use super::gates::most_of;
 use super::model::{Found, is_load, signs_hold};
@@ -123,7 +124,8 @@ impl State {
         self.play()
     }
 
-    /// Puts play in the place of a grasp that gives when that errs less, and takes it away when it does not.
+    /// Puts play in the place of a grasp that gives when that errs less by more than their forms are crude, and takes it away when it does not: a
+    /// grasp that gives has one number less.
     fn play(&mut self) -> Result<(), DynamicsError> {
         let barred = |kind: &Kind| {
             let mut bank = self.bank.iter();
@@ -157,9 +159,9 @@ impl State {
         };
         let mut least = self.error()?;
         if self.effects[i].0.kind.name == GRASP_COMPLIANCE.name {
-            least *= REFORMED_BELOW;
+            least /= CRUDE_APART.sqrt();
         } else {
-            least /= REFORMED_BELOW;
+            least *= CRUDE_APART.sqrt();
         }
         for other in others {
             let as_was = self.effects.clone();

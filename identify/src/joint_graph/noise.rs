@@ -81,14 +81,16 @@ impl Wander {
 /// Mean squared difference at `lag`, from the median, so that outliers do not count.
 fn structure(series: &[Vec<f64>], track: &PoseSamples, lag: usize) -> Option<f64> {
     let mut squares = Vec::new();
+    let count = track.positions.len();
     for values in series {
-        for i in 0..values.len().saturating_sub(lag) {
-            // Within one run: no start between the two.
-            let from = track.starts.partition_point(|s| *s <= i);
-            let to = track.starts.partition_point(|s| *s <= i + lag);
-            if from == to {
-                squares.push((values[i + lag] - values[i]).powi(2));
-            }
+        // Within one run: no start between the two.
+        let ends = track.starts.iter().copied().chain([count]);
+        let mut from = 0;
+        for to in ends {
+            let run = &values[from..to];
+            let both = run.iter().zip(run.iter().skip(lag));
+            squares.extend(both.map(|(one, other)| (other - one).powi(2)));
+            from = to;
         }
     }
     if squares.len() < 20 {

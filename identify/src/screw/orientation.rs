@@ -121,6 +121,9 @@ pub(crate) fn robust_mean(rotations: &[UnitQuaternion<f64>]) -> UnitQuaternion<f
         let total: f64 = logs.iter().map(weight).sum();
         let step = logs.iter().map(|l| l * weight(l)).sum::<Vector3<f64>>() / total;
         mean = UnitQuaternion::from_scaled_axis(step) * mean;
+        if step.norm() < 1e-9 {
+            break;
+        }
     }
     mean
 }

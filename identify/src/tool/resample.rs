@@ -136,12 +136,15 @@ impl PoseStream {
     }
 }
 
+/// Time, displacement and turn of a sample as another sees it.
+type Seen = (f64, Vector3<f64>, Vector3<f64>);
+
 impl Step {
     /// From sample `i` to the next. A rate is the slope of the parabola through three samples, so that a lost sample bends none; next to a hole it
     /// is that of the step.
     fn of(samples: &[(f64, Isometry3<f64>)], i: usize, hole: f64) -> Self {
         let (t0, a) = &samples[i];
-        let seen = |k: usize| {
+        let seen = |k: usize| -> Seen {
             let (t, pose) = &samples[k];
             let turned = (a.rotation.inverse() * pose.rotation).scaled_axis();
             (
@@ -150,26 +153,28 @@ impl Step {
                 turned,
             )
         };
-        let (_, moved, turned) = seen(i + 1);
         let apart = |k: usize| samples[k].0 - samples[k - 1].0;
-        // Mean rate over the step from sample k - 1 to k, and how long that is.
-        let over = |k: usize| {
-            let ((from, p, r), (to, q, s)) = (seen(k - 1), seen(k));
+        let here = (0.0, Vector3::zeros(), Vector3::zeros());
+        let next = seen(i + 1);
+        let (_, moved, turned) = next;
+        // Mean rates from one to another, and how long that is.
+        let over = |(from, p, r): Seen, (to, q, s): Seen| {
             let long = (to - from).max(f64::MIN_POSITIVE);
             ((q - p) / long, (s - r) / long, long)
         };
         let is_there = |k: usize| k > 0 && k < samples.len() && apart(k) <= hole && apart(k) > 0.0;
-        let own = is_there(i + 1).then(|| over(i + 1));
-        let rate = |beside: usize| match own {
-            None => (Vector3::zeros(), Vector3::zeros()),
-            Some((velocity, rate, long)) if is_there(beside) => {
-                let (v, w, other) = over(beside);
+        let own = is_there(i + 1).then(|| over(here, next));
+        let before = is_there(i).then(|| over(seen(i - 1), here));
+        let after = is_there(i + 2).then(|| over(next, seen(i + 2)));
+        let rate = |beside: Option<(Vector3<f64>, Vector3<f64>, f64)>| match (own, beside) {
+            (None, _) => (Vector3::zeros(), Vector3::zeros()),
+            (Some((velocity, rate, long)), Some((v, w, other))) => {
                 let share = other / (long + other);
                 (velocity.lerp(&v, 1.0 - share), rate.lerp(&w, 1.0 - share))
             }
-            Some((velocity, rate, _)) => (velocity, rate),
+            (Some((velocity, rate, _)), None) => (velocity, rate),
         };
-        let ((v0, w0), (v1, w1)) = (rate(i), rate(i + 2));
+        let ((v0, w0), (v1, w1)) = (rate(before), rate(after));
         Self {
             moved,
             turned,
