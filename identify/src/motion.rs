@@ -43,7 +43,7 @@ pub struct MotionSettings {
     pub cutoff_hz: f64,
     /// Butterworth order of that filter, one way.
     pub order: usize,
-    /// Rate at which regressors are evaluated, Hz; the nearest whole fraction of the recording's own.
+    /// Rate at which regressors are evaluated, Hz; the nearest whole fraction of that of the samples.
     pub work_rate_hz: f64,
     /// Whether the cut-off may be lowered for a slow motion, see [`MotionSettings::quiet_for`].
     pub gives_way: bool,

@@ -1,5 +1,7 @@
 //! A recording in, joint, dynamics, report and twin out.
 
+use core::ops::Range;
+
 use ft_recording::{Recording, TopicMap};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::path::{Path, PathBuf};
@@ -210,11 +212,11 @@ fn identify_with(
     drop(tool);
     if let Some(found) = saturated {
         report.notes.push(format!(
-            "{} stays at {:.1} {} for {} samples: the sensor was at the end of its range there",
+            "{} stays at {:.1} {} for {:.2} s: the sensor was at the end of its range there",
             found.name(),
             found.value,
             found.unit(),
-            found.samples
+            found.seconds
         ));
     }
     let mut analysis = match &payload {
@@ -357,9 +359,8 @@ impl Held {
             let joint = refine(&track, &candidates);
             Ok((candidates, joint))
         };
-        let held_s = |grasp: &Grasp| {
-            grasp.held.iter().map(core::ops::Range::len).sum::<usize>() as f64 * tool.period
-        };
+        let held_s =
+            |grasp: &Grasp| grasp.held.iter().map(Range::len).sum::<usize>() as f64 * tool.period;
         // Where marks say when the tool was held, its weight is found beside the joint.
         let (marked_joint, weighed) = both(
             || {
@@ -371,7 +372,12 @@ impl Held {
                 progress(Stage::Aligned);
                 let (grasp, payload) =
                     grasp_and_payload(recording, tool, &kinematics, marked.as_ref())?;
-                let saturated = saturation::find(&tool.wrench, tool.averaged, &grasp.held);
+                let seconds = |part: &Range<usize>| {
+                    let last = tool.time[part.end - 1] + tool.period;
+                    tool.time[part.start]..last
+                };
+                let held: Vec<Range<f64>> = grasp.held.iter().map(seconds).collect();
+                let saturated = saturation::find(&tool.at_extremes, &held);
                 Ok((kinematics, grasp, payload, saturated))
             },
         );

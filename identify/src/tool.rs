@@ -1,6 +1,7 @@
 //! The tool's pose and wrench from a recording, on one uniform grid.
 //!
-//! The grid has the wrench's own median rate; what is identified lies far below that, and is seen in means over 5 ms. Wrenches are interpolated linearly, positions and rotations by cubic
+//! The grid has the wrench's own median rate, or that of its means over 5 ms ([`ToolSamples::means_from_recording`]), with which faster poses are
+//! averaged, too. Wrenches are interpolated linearly, positions and rotations by cubic
 //! Hermite pieces. Where either stream has a hole (over 20 ms and over three of its periods) there is a gap: runs end and
 //! begin there, and nothing is interpolated across. Poses that only repeat the one before under a new stamp are left out.
 
@@ -18,6 +19,7 @@ use ft_wire::time::HostTime;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::parallel::{both, in_parallel};
+use crate::saturation::{Stretch, stretches};
 use resample::{PoseStream, Stream, averaged, median_step, thinned};
 
 /// Why a recording has no common grid.
@@ -83,8 +85,6 @@ pub struct ToolSamples {
     pub position: Vec<Point3<f64>>,
     /// `world_from_tcp`.
     pub rotation: Vec<UnitQuaternion<f64>>,
-    /// Measured wrenches in the mean that each sample is.
-    pub averaged: usize,
     /// As recorded: force then torque, environment on tool, in `ft_sensor`.
     pub wrench: Vec<[f64; 6]>,
     /// Where the sensor sits.
@@ -93,6 +93,8 @@ pub struct ToolSamples {
     pub gaps: usize,
     /// What reading the wrench between its samples took of its white noise, as [`crate::samples::Aside::interpolated`] has it.
     pub interpolated: f64,
+    /// Where the wrench as measured stays at its extremes.
+    pub(crate) at_extremes: Vec<Stretch>,
 }
 
 const MIN_SAMPLES: usize = 50;
@@ -132,17 +134,20 @@ impl ToolSamples {
         let wrenches = || {
             let measured = fresh(&recording.wrench);
             let of = |s: &Stamped<[f64; 6]>| (s.at.seconds_since(start), s.value);
-            let within = (mean_s / mean_period(&measured)).round() as usize;
-            let every = measured.len().div_ceil(MOST_SAMPLES).max(within).max(1);
-            (Stream::averaged(measured.iter().map(of), every), every)
+            let within = mean_s / mean_period(measured.iter().map(|s| of(s).0));
+            let every = (within.round() as usize)
+                .max(measured.len().div_ceil(MOST_SAMPLES))
+                .max(1);
+            let stream = Stream::averaged(measured.iter().map(of), every);
+            (stream, every, measured.len(), stretches(&measured, start))
         };
         let poses = || {
             let measured = fresh(&recording.pose.samples);
             let of = |s: &Stamped<Pose7>| (s.at.seconds_since(start), isometry(&s.value));
             thinned(measured.iter().map(of).collect())
         };
-        let ((wrench, every), poses) = both(wrenches, poses);
-        for (stream, samples) in [("wrench", wrench.len()), ("pose", poses.len())] {
+        let ((wrench, every, wrenches, at_extremes), poses) = both(wrenches, poses);
+        for (stream, samples) in [("wrench", wrenches), ("pose", poses.len())] {
             if samples < MIN_SAMPLES {
                 return Err(AlignError::TooFewSamples {
                     stream,
@@ -152,22 +157,21 @@ impl ToolSamples {
             }
         }
         let poses_every = if every > 1 {
-            let pose_period = median_step(poses.iter().map(|s| s.0));
+            let pose_period = mean_period(poses.iter().map(|s| s.0));
             ((wrench.period() / pose_period) as usize).max(1)
         } else {
             1
         };
         let pose = PoseStream::new(averaged(poses, poses_every));
         let (wrench_span, pose_span) = (wrench.span(), pose.span());
-        let (from, to) = (
-            wrench_span.0.max(pose_span.0),
-            wrench_span.1.min(pose_span.1),
-        );
+        // Wrenches of one rate are read where they are, and not between.
+        let from = wrench.first_from(pose_span.0);
+        let to = wrench_span.1.min(pose_span.1);
         if to <= from {
             return Err(AlignError::NoOverlap {
                 wrench_s: wrench_span.1 - wrench_span.0,
                 pose_s: pose_span.1 - pose_span.0,
-                apart_s: from - to,
+                apart_s: wrench_span.0.max(pose_span.0) - to,
             });
         }
         let tracked_from_tcp = match recording.pose.frame {
@@ -181,11 +185,11 @@ impl ToolSamples {
             time: Vec::new(),
             position: Vec::new(),
             rotation: Vec::new(),
-            averaged: every,
             wrench: Vec::new(),
             tcp_from_ft_sensor: isometry(&recording.tcp_from_ft_sensor),
             gaps: 0,
             interpolated: 0.0,
+            at_extremes,
         };
         // A stamp that is years off would ask for years of grid.
         let there = wrench.len() as f64 * wrench.period();
@@ -284,14 +288,13 @@ impl ToolSamples {
     }
 }
 
-/// Period of samples that may come in bursts and have holes, s; infinite of a few.
-fn mean_period<T>(samples: &[Stamped<T>]) -> f64 {
+/// Period of samples at `times` (ascending) that may come in bursts and have holes, s; infinite of a few.
+fn mean_period(times: impl ExactSizeIterator<Item = f64>) -> f64 {
     const MANY: usize = 64;
-    if samples.len() <= 2 * MANY {
+    if times.len() <= 2 * MANY {
         return f64::INFINITY;
     }
-    let times = samples.iter().step_by(MANY);
-    median_step(times.map(|s| s.at.seconds_since(samples[0].at))) / MANY as f64
+    median_step(times.step_by(MANY)) / MANY as f64
 }
 
 fn isometry(pose: &Pose7) -> Isometry3<f64> {
@@ -309,16 +312,11 @@ mod tests {
     #[test]
     fn the_period_of_bursts_with_holes_is_that_of_the_samples() {
         // 16 samples every 16 ms, 1 us apart, and a hole of 10 s.
-        let at = |k: i64| {
-            let hole = if k > 5000 { 10_000_000_000 } else { 0 };
-            HostTime::from_nanos(16_000_000 * (k / 16) + 1000 * (k % 16) + hole)
+        let at = |k: i32| {
+            let hole = if k > 5000 { 10.0 } else { 0.0 };
+            0.016 * f64::from(k / 16) + 1e-6 * f64::from(k % 16) + hole
         };
-        let stamped = |k| Stamped {
-            at: at(k),
-            value: (),
-        };
-        let samples: Vec<_> = (0..10_000).map(stamped).collect();
-        assert!((mean_period(&samples) - 1e-3).abs() < 1e-6);
-        assert_eq!(mean_period(&samples[..100]), f64::INFINITY);
+        assert!((mean_period((0..10_000).map(at)) - 1e-3).abs() < 1e-6);
+        assert_eq!(mean_period((0..100).map(at)), f64::INFINITY);
     }
 }

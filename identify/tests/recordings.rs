@@ -10,7 +10,7 @@ use ft_identify::output::write_to;
 use ft_identify::payload::PayloadSource;
 use ft_identify::pipeline::{Identified, identify_loaded, joint_samples};
 use ft_identify::screw::{JointKind, ScrewAxis, SelectError};
-use ft_identify::tool::AlignError;
+use ft_identify::tool::{AlignError, ToolSamples};
 use ft_recording::Recording;
 use synthetic::{BIAS, COM, INERTIA, MASS, Scene, calibration};
 
@@ -161,6 +161,27 @@ fn free_air_shows_the_inertia_of_the_tool_itself() {
     for (found, truth) in [xx, yy, zz].into_iter().zip(INERTIA) {
         assert!((found - truth).abs() < 3e-4, "{:?}", payload.inertia_kgm2);
     }
+}
+
+#[test]
+fn slow_poses_and_wrenches_in_bursts_are_read() {
+    let scene = Scene::door();
+    let mut recording = scene.record();
+    recording.pose.samples = recording.pose.samples.into_iter().step_by(11).collect();
+    // Four at a time, 1 us apart, stamped in their middle.
+    for burst in recording.wrench.chunks_exact_mut(4) {
+        let first = burst[0].at.offset_by_seconds(1.5 / 800.0);
+        for (sample, k) in burst.iter_mut().zip(0..) {
+            sample.at = first.offset_by_seconds(1e-6 * f64::from(k));
+        }
+    }
+    let tool = ToolSamples::means_from_recording(&recording).unwrap();
+    assert!((tool.period - 5e-3).abs() < 1e-5, "{} s", tool.period);
+    assert_eq!(tool.runs.len(), 1);
+    let found = identify(&recording).unwrap();
+    let value = |name: &str| found.report.term(name).unwrap().value;
+    assert_near("inertia", value("inertia"), scene.inertia, 0.03);
+    assert_near("coulomb", value("coulomb"), scene.coulomb, 0.08);
 }
 
 #[test]
@@ -540,6 +561,16 @@ fn each_refusal_says_what_and_what_to_do() {
             .fold(0.0, f64::max);
         for sample in &mut r.wrench {
             sample.value[1] = sample.value[1].clamp(-0.6 * most, 0.6 * most);
+        }
+    });
+    assert!(matches!(error, IdentifyError::Saturated { .. }), "{error}");
+    // Blows of 15 ms, each to the end of the range.
+    let error = refused(&|r| {
+        let most = r.wrench.iter().map(|s| s.value[1]).fold(0.0, f64::max);
+        for blow in r.wrench[4000..8000].chunks_mut(400) {
+            for sample in &mut blow[..12] {
+                sample.value[1] = 1.05 * most;
+            }
         }
     });
     assert!(matches!(error, IdentifyError::Saturated { .. }), "{error}");

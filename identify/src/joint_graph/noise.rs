@@ -87,7 +87,7 @@ fn structure(series: &[Vec<f64>], track: &PoseSamples, lag: usize) -> Option<f64
         let ends = track.starts.iter().copied().chain([count]);
         let mut from = 0;
         for to in ends {
-            let run = &values[from..to];
+            let run = values.get(from..to).unwrap_or_default();
             let both = run.iter().zip(run.iter().skip(lag));
             squares.extend(both.map(|(one, other)| (other - one).powi(2)));
             from = to;

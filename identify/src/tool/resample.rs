@@ -14,11 +14,14 @@ pub(super) struct Stream {
 impl Stream {
     /// Each sample the mean of `every` following ones.
     pub(super) fn averaged(samples: impl Iterator<Item = (f64, [f64; 6])>, every: usize) -> Self {
-        Self::new(means(samples, every, |sum: &mut [f64; 6], value, share| {
+        let mut stream = Self::new(means(samples, every, |sum: &mut [f64; 6], value, share| {
             for (sum, value) in sum.iter_mut().zip(value) {
                 *sum += share * (value - *sum);
             }
-        }))
+        }));
+        // Means on either side of a loss are farther apart than what they are of.
+        stream.hole += stream.period * (every.max(1) - 1) as f64 / every.max(1) as f64;
+        stream
     }
 
     pub(super) fn new(samples: Vec<(f64, [f64; 6])>) -> Self {
@@ -44,6 +47,13 @@ impl Stream {
             self.samples.first().map_or(0.0, |s| s.0),
             self.samples.last().map_or(0.0, |s| s.0),
         )
+    }
+
+    /// Time of the first sample that is not before `t`; of the last where there is none.
+    pub(super) fn first_from(&self, t: f64) -> f64 {
+        let first = self.samples.partition_point(|sample| sample.0 < t);
+        let sample = self.samples.get(first).or(self.samples.last());
+        sample.map_or(t, |sample| sample.0)
     }
 
     /// Where reading at `t` begins.

@@ -76,7 +76,7 @@ class Twin:
         `not_probed`; with a limit (N m or N) `exceeds_at` and `enough_within`, the shortest time for which it is enough."""
 
 class Samples:
-    """Wrench and pose of a recording on one grid; rows are samples."""
+    """Wrench and pose of a recording on one grid, at the wrench's rate; rows are samples."""
 
     time: _Floats
     """s from the first wrench."""
@@ -99,7 +99,7 @@ class Identified:
     twin: Twin | None
     """None when the dynamics are not identifiable; the report says why."""
     time: _Floats
-    """s."""
+    """s; up to 200 a second."""
     q: _Floats
     """Joint coordinate as measured, rad or m."""
     tau: _Floats

@@ -71,7 +71,7 @@ impl Seen {
                 rotation_noise: STILL,
             },
             tool: ToolSamples {
-                averaged: 1,
+                at_extremes: Vec::new(),
                 start: HostTime::EPOCH,
                 period: PERIOD,
                 runs: vec![0..SAMPLES],
