@@ -567,7 +567,7 @@ fn each_refusal_says_what_and_what_to_do() {
     // Blows of 15 ms, each to the end of the range.
     let error = refused(&|r| {
         let most = r.wrench.iter().map(|s| s.value[1]).fold(0.0, f64::max);
-        for blow in r.wrench[4000..8000].chunks_mut(400) {
+        for blow in r.wrench[8000..24_000].chunks_mut(400) {
             for sample in &mut blow[..12] {
                 sample.value[1] = 1.05 * most;
             }
