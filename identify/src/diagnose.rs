@@ -21,6 +21,7 @@ mod scan;
 mod score;
 mod search;
 mod shapes;
+mod start;
 mod tidy;
 
 pub(crate) use breakaway::add_stiction;
@@ -29,4 +30,5 @@ pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
 pub(crate) use model::per_velocity;
 pub(crate) use search::floor_of;
-pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused, diagnose, diagnose_without};
+pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};
+pub use start::{diagnose, diagnose_without};

@@ -18,6 +18,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::least_squares::Bound;
 use crate::motion::{Motion, SparseColumns};
+use crate::parallel::both;
 use crate::samples::{extrema, quantile};
 use crate::spline::Basis;
 
@@ -77,6 +78,8 @@ pub struct Linearised {
 const LOAD_PIECES: usize = 20;
 const SURFACE_PIECES: [usize; 2] = [12, 3];
 const VALVED_PIECES: usize = 40;
+/// Functions of the damping that are not zero at a state, at most.
+const MOST_FUNCTIONS: usize = 6;
 /// Strength of the pull of damping behind a valve to zero, over that of the data.
 const LEVEL: f64 = 3e-4;
 /// Square of a step or level of the damping, over its mean square, that counts as a step or level at all.
@@ -187,8 +190,12 @@ impl SplineMechanism {
         &self,
         on: &'a OnMotion,
     ) -> impl Iterator<Item = &'a [(usize, f64)]> {
-        let each = (self.damping_q.degree() + 1) * (self.damping_speed.degree() + 1);
-        on.damping.chunks_exact(each)
+        on.damping.chunks_exact(self.functions_at_a_state())
+    }
+
+    /// How many functions of the damping are not zero at a state.
+    fn functions_at_a_state(&self) -> usize {
+        (self.damping_q.degree() + 1) * (self.damping_speed.degree() + 1)
     }
 
     /// Effort of the damping at each sample of a motion; `on` = [`SplineMechanism::on`] of it.
@@ -291,18 +298,24 @@ impl SplineMechanism {
     /// Its functions on a motion.
     #[must_use]
     pub fn on(&self, motion: &Motion) -> OnMotion {
-        let mut load = SparseColumns::with_capacity(motion.q.len(), self.load.degree() + 1);
-        for &q in &motion.q {
-            let (first, values) = self.load.evaluate(q);
-            load.push((first..).zip(values).take(self.load.degree() + 1));
-        }
-        let states = motion.q.iter().zip(&motion.dq);
-        OnMotion {
-            load: motion.sparse_regressor(&load, self.load.len()),
-            damping: states
-                .flat_map(|(&q, dq)| self.tensor(q, dq.abs()))
-                .collect(),
-        }
+        let load = || {
+            let functions = self.load.degree() + 1;
+            let mut load = SparseColumns::with_capacity(motion.q.len(), functions);
+            for &q in &motion.q {
+                let (first, values) = self.load.evaluate(q);
+                load.push((first..).zip(values).take(functions));
+            }
+            motion.sparse_regressor(&load, self.load.len())
+        };
+        let damping = || {
+            let mut damping = Vec::with_capacity(self.functions_at_a_state() * motion.q.len());
+            for (&q, dq) in motion.q.iter().zip(&motion.dq) {
+                damping.extend(self.tensor(q, dq.abs()));
+            }
+            damping
+        };
+        let (load, damping) = both(load, damping);
+        OnMotion { load, damping }
     }
 
     /// Effort per coefficient near the coefficients it has, filtered like the measured effort; `on` = [`SplineMechanism::on`]
@@ -317,14 +330,19 @@ impl SplineMechanism {
         for (here, &dq) in self.functions_at_samples(on).zip(&motion.dq) {
             let closing = usize::from(dq < 0.0);
             let valve = &self.valves[closing];
+            let start = closing * self.damping_coefficients[0].len();
+            let own = |slope: f64| {
+                let moved = here.iter();
+                moved.map(move |(j, value)| (start + j, slope * value * dq))
+            };
+            if valve.is_straight() {
+                entries.push(own(1.0));
+                continue;
+            }
             let u = self.proportional_of(here.iter().copied(), dq) * dq.abs();
             let sign = if closing == 1 { -1.0 } else { 1.0 };
             let bends = bends_of(valve, u, sign, bends[closing], total);
-            let (start, slope) = (closing * self.damping_coefficients[0].len(), valve.slope(u));
-            let own = here
-                .iter()
-                .map(|(j, value)| (start + j, slope * value * dq));
-            entries.push(own.chain(bends));
+            entries.push(own(valve.slope(u)).chain(bends));
         }
         let damping = motion.sparse_regressor(&entries, total + 1);
         Linearised {
@@ -405,19 +423,22 @@ impl SplineMechanism {
         ]
     }
 
+    /// Functions of the damping that are not zero at a state, and their values: as many at each.
+    #[inline]
     fn tensor(&self, q: f64, speed: f64) -> impl Iterator<Item = (usize, f64)> {
         let (first_q, in_q) = self.damping_q.evaluate(q);
         let (first_speed, in_speed) = self.damping_speed.evaluate(speed.sqrt());
-        let (dq, dv, nv) = (
-            self.damping_q.degree() + 1,
-            self.damping_speed.degree() + 1,
-            self.damping_speed.len(),
-        );
-        let over_q = (first_q..).zip(in_q).take(dq);
-        over_q.flat_map(move |(i, in_q)| {
-            let over_speed = (first_speed..).zip(in_speed).take(dv);
-            over_speed.map(move |(j, in_speed)| (i * nv + j, in_q * in_speed))
-        })
+        let (over_q, over_speed) = (self.damping_q.degree(), self.damping_speed.degree());
+        let speeds = self.damping_speed.len();
+        let mut functions = [(0, 0.0); MOST_FUNCTIONS];
+        let mut places = functions.iter_mut();
+        for (i, in_q) in (first_q..).zip(in_q).take(over_q + 1) {
+            let over_speed = (first_speed..).zip(in_speed).take(over_speed + 1);
+            for ((j, in_speed), place) in over_speed.zip(&mut places) {
+                *place = (i * speeds + j, in_q * in_speed);
+            }
+        }
+        functions.into_iter().take(self.functions_at_a_state())
     }
 }
 
@@ -429,15 +450,11 @@ fn bends_of(
     first: usize,
     rest: usize,
 ) -> impl Iterator<Item = (usize, f64)> {
-    let linear = if valve.is_straight() {
-        u
-    } else {
-        let by_bends = valve.by_bends(u).zip(&valve.bends);
-        valve.slope(u) * u
-            + by_bends
-                .map(|(by, bend)| by[0] * bend.at + by[1] * bend.slope)
-                .sum::<f64>()
-    };
+    let by_bends = valve.by_bends(u).zip(&valve.bends);
+    let linear = valve.slope(u) * u
+        + by_bends
+            .map(|(by, bend)| by[0] * bend.at + by[1] * bend.slope)
+            .sum::<f64>();
     let lacking = (rest, sign * (valve.effort(u) - linear));
     let bends = valve
         .by_bends(u)

@@ -64,6 +64,7 @@ impl Basis {
     }
 
     /// Index of the first function that is not zero at `x`, and the `degree + 1` values from there.
+    #[inline]
     #[must_use]
     pub fn evaluate(&self, x: f64) -> (usize, [f64; 6]) {
         let scaled = ((x - self.low) / (self.high - self.low) * self.intervals as f64)
@@ -128,9 +129,9 @@ fn functions<const DEGREE: usize>(u: f64) -> [f64; 6] {
         let mut carried = 0.0;
         for (j, value) in values.iter_mut().enumerate().take(d + 1) {
             let old = if j < d { *value } else { 0.0 };
-            let right = (j as f64 + 1.0 - u) / d as f64 * old;
-            *value = carried + right;
-            carried = (u + (d - 1 - j.min(d - 1)) as f64) / d as f64 * old;
+            let old = old * (1.0 / d as f64);
+            *value = carried + (j as f64 + 1.0 - u) * old;
+            carried = (u + (d - 1 - j.min(d - 1)) as f64) * old;
         }
     }
     values

@@ -12,7 +12,9 @@ use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};
 use crate::effect::library::{Kind, Search};
 
 /// What slows, and where, is one matter.
-const DAMPERS: [&str; 2] = [ZONE.name, ASYMMETRIC.name];
+pub(super) fn is_damper(kind: &Kind) -> bool {
+    kind.is(&ZONE) || kind.is(&ASYMMETRIC)
+}
 /// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
 const NEAR_END: f64 = 0.05;
 
@@ -143,7 +145,7 @@ impl State {
     /// errs a twentieth less, and not by a curve of no name. By the errors with the signs of physics: a damper of the wrong sign may
     /// reach the floor, and has hidden what is there.
     pub(super) fn search_dampers_again(&mut self) -> Result<(), DynamicsError> {
-        let is_damper = |(found, _): &(Found, f64)| DAMPERS.contains(&found.kind.name);
+        let is_damper = |(found, _): &(Found, f64)| is_damper(found.kind);
         let dampers = self
             .effects
             .iter()

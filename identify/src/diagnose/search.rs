@@ -1,9 +1,7 @@
 //! The loop.
 
 use super::gates::limit;
-use super::model::{
-    Candidate, Found, Ground, bank, blocks, is_known, is_load, is_smooth_load, slopes_of,
-};
+use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
@@ -11,13 +9,10 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
     DynamicsError, EffortModel, fit_columns, fit_parametric, fit_with_mechanism,
 };
-use crate::effect::load::{CATCH, DETENT, SPRING};
-use crate::effect::measurement::TIME_LAG;
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
-use crate::payload::is_seen;
 use crate::samples::JointSamples;
 
 /// An effect that fits nearly as well.
@@ -86,9 +81,11 @@ const AS_WELL: f64 = 1.05;
 /// What is left is all a load when a curve leaves this share of its square above the floor.
 const OF_A_LOAD: f64 = 0.05;
 /// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
-const GAINED_BELOW: f64 = 0.999;
+const GAINED_BELOW: f64 = 0.995;
+/// That many noise floors are much more than noise.
+pub(super) const MUCH: f64 = 2.0;
 const REPLICATES: usize = 40;
-const MOST_EFFECTS: usize = 8;
+pub(super) const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 const LEAST_FLOOR: f64 = 1.5e-3;
 /// A floor that is read off the position's own motion and is this share of what I, mu, b leave is compared with what more leaves.
@@ -96,130 +93,9 @@ const DOUBTED: f64 = 0.3;
 /// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
 const MOST_ABOVE: f64 = 1.25;
 
-/// Looks for what the model lacks on `samples`.
-///
-/// # Errors
-/// [`DynamicsError`].
-pub fn diagnose(
-    samples: &JointSamples,
-    settings: &MotionSettings,
-) -> Result<Diagnosis, DynamicsError> {
-    diagnose_without(samples, settings, &[])
-}
-
-/// As [`diagnose`], without the effects named in `barred`: those that other recordings have refused.
-///
-/// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
-/// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load at first where none was
-/// found: a damper may have taken its place.
-///
-/// # Errors
-/// [`DynamicsError`].
-pub fn diagnose_without(
-    samples: &JointSamples,
-    settings: &MotionSettings,
-    barred: &[&'static str],
-) -> Result<Diagnosis, DynamicsError> {
-    let mut first = First::Any;
-    let mut best = searched(samples, settings, barred, first)?;
-    let is_smooth =
-        |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
-    let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
-    if best.is_far() && !loaded(&best) {
-        let other = searched(samples, settings, barred, First::Load)?;
-        if loaded(&other) && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
-            (best, first) = (other, First::Load);
-        }
-    }
-    let mut barred = barred.to_vec();
-    let mut stood_in = Vec::new();
-    for suspect in SUSPECTS {
-        let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
-        let named =
-            best.effects.iter().any(is_suspect) || suspect == TIME_LAG.name && best.lag_s.is_some();
-        if !named || !best.is_far() {
-            continue;
-        }
-        barred.push(suspect);
-        let without = searched(samples, settings, &barred, first)?;
-        let [left, less] = [&best, &without].map(|found| found.model.held_out_rms);
-        if less > RIVAL_BELOW * left {
-            barred.pop();
-            continue;
-        }
-        best = without;
-        stood_in.push(Refused {
-            name: suspect,
-            reason: "without it others leave less".to_owned(),
-            held_out_rms: [less, left],
-        });
-    }
-    best.refused.extend(stood_in);
-    Ok(best)
-}
-
-/// In the place of a p-value: it was put there unasked.
-const UNASKED: f64 = f64::INFINITY;
-
-/// Effects that have been found in the place of others.
-const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
-/// That many noise floors are much more than noise.
-pub(super) const MUCH: f64 = 2.0;
-
-/// What a search begins with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum First {
-    Any,
-    /// A load over the whole range: the best that passes, or a spring, which must stand beside what comes after it.
-    Load,
-}
-
-fn searched(
-    samples: &JointSamples,
-    settings: &MotionSettings,
-    barred: &[&'static str],
-    first: First,
-) -> Result<Diagnosis, DynamicsError> {
-    // What free air shows of a lag needs no search.
-    let late = samples.aside.late.filter(is_seen);
-    let late = late.filter(|_| !barred.contains(&TIME_LAG.name));
-    let mut samples = samples.clone();
-    if let Some((late, _)) = late {
-        samples = samples.with_effort_earlier(late);
-    }
-    let mut state = State::new(samples, *settings)?;
-    state.lag = late.map(|(late, _)| (late, 0.0));
-    state
-        .bank
-        .retain(|candidate| !barred.contains(&candidate.kind.name));
-    if first == First::Load {
-        let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
-        let others: Vec<Candidate> = state.bank.extract_if(.., other).collect();
-        state.step()?;
-        // Beside dampers that few strokes show, one explains nothing alone.
-        let may_be = state
-            .bank
-            .iter()
-            .any(|candidate| candidate.kind.is(&SPRING));
-        if state.effects.is_empty() && may_be {
-            let spring = state
-                .ground
-                .found(&SPRING, Vec::new(), vec![true; SPRING.terms.len()]);
-            state.effects.push((spring, UNASKED));
-        }
-        state.bank.extend(others);
-    }
-    state.search()?;
-    state.latch()?;
-    state.search_dampers_again()?;
-    state.ask()?;
-    state.finish()
-}
-
 impl Diagnosis {
     /// Whether much more than noise is left.
-    fn is_far(&self) -> bool {
+    pub(super) fn is_far(&self) -> bool {
         self.model.held_out_rms > MUCH * self.floor.rms
     }
 
@@ -292,7 +168,10 @@ pub(super) struct AsWas {
 }
 
 impl State {
-    fn new(mut samples: JointSamples, settings: MotionSettings) -> Result<Self, DynamicsError> {
+    pub(super) fn new(
+        mut samples: JointSamples,
+        settings: MotionSettings,
+    ) -> Result<Self, DynamicsError> {
         let motion = Motion::prepare(&samples, &settings)?;
         let base = fit_parametric(&motion, &[&RigidBody])?;
         let mut floor = floor_of(&samples, &motion, &base, &[])?;
@@ -325,27 +204,6 @@ impl State {
             .iter()
             .map(|(found, _)| found.clone())
             .collect()
-    }
-
-    /// Holds what was put there unasked to what holds for all others, beside these; what does not stand is taken out.
-    fn ask(&mut self) -> Result<(), DynamicsError> {
-        let Some(i) = self.effects.iter().position(|(_, p)| *p == UNASKED) else {
-            return Ok(());
-        };
-        let as_is = self.as_is();
-        let (effect, _) = self.effects.remove(i);
-        // A curve over the coordinate is any load.
-        self.ground.curve.clear();
-        let seen = self.survey()?;
-        let own = seen.and_then(|(_, seen)| self.passing(effect.kind, &seen));
-        self.put_back(as_is);
-        match own {
-            Some((_, p_value)) => self.effects[i].1 = p_value,
-            None => {
-                self.effects.remove(i);
-            }
-        }
-        Ok(())
     }
 
     pub(super) fn fit(&self) -> Result<EffortModel, DynamicsError> {
@@ -413,7 +271,7 @@ impl State {
     }
 
     /// Adds one effect; whether there was one to add.
-    fn step(&mut self) -> Result<bool, DynamicsError> {
+    pub(super) fn step(&mut self) -> Result<bool, DynamicsError> {
         let Some((x, seen)) = self.survey()? else {
             return Ok(false);
         };
@@ -431,17 +289,28 @@ impl State {
             self.take_lag(&choice, p_value)?;
             self.tidy()?;
         } else {
-            let (before, error) = (self.names(), self.error()?);
-            let as_was = self.effects.clone();
-            self.add_best(&choice, p_value, &seen)?;
-            self.or_beyond(&as_was, (choice.kind, p_value))?;
-            self.tidy()?;
-            // What came and was superfluous at once would come again.
-            if self.names() == before && self.error()? > GAINED_BELOW * error {
-                self.given_up.push(choice.kind.name);
-            }
+            self.add(&choice, p_value, &seen)?;
         }
         Ok(self.effects.len() < MOST_EFFECTS)
+    }
+
+    /// Adds the choice or what does better in its place.
+    pub(super) fn add(
+        &mut self,
+        choice: &Ranked,
+        p_value: f64,
+        seen: &Look,
+    ) -> Result<(), DynamicsError> {
+        let (before, error) = (self.names(), self.error()?);
+        let as_was = self.effects.clone();
+        self.add_best(choice, p_value, seen)?;
+        self.or_beyond(&as_was, (choice.kind, p_value))?;
+        self.tidy()?;
+        // What came and was superfluous at once would come again.
+        if self.names() == before && self.error()? > GAINED_BELOW * error {
+            self.given_up.push(choice.kind.name);
+        }
+        Ok(())
     }
 
     fn tidy(&mut self) -> Result<(), DynamicsError> {

@@ -23,6 +23,8 @@ pub(super) struct Design {
     pub(super) units: Vec<String>,
     /// Number of parametric columns, which come first.
     pub(super) params: usize,
+    /// Number of columns that may be used: those behind have no part in the effort.
+    open: usize,
     pub(super) folds: (Vec<usize>, usize),
     /// Samples that count for held-out errors.
     pub(super) scored: Vec<bool>,
@@ -96,6 +98,7 @@ impl Design {
             names: self.names.clone(),
             units: self.units.clone(),
             params,
+            open: total,
             folds: self.folds.clone(),
             scored: self.scored.clone(),
             gram,
@@ -153,6 +156,7 @@ impl Design {
             names,
             units,
             params,
+            open: params,
             scored: vec![true; folds.0.len()],
             folds,
             gram,
@@ -199,14 +203,12 @@ impl Design {
 
     /// The same design with none of the mechanism's damping let in.
     pub(super) fn undamped(&self) -> Self {
-        let mut out = self.clone();
-        for j in self.params..self.y.ncols() {
-            if self.bounds[j] == Bound::NonNegative {
-                // Ten times what the measured effort could ask of it.
-                out.threshold[j] = 10.0 * self.gram[(j, j)].sqrt() * self.tau.norm();
-            }
+        let mechanism = self.bounds[self.params..].iter();
+        let loads = mechanism.take_while(|bound| **bound == Bound::Free).count();
+        Self {
+            open: self.params + loads,
+            ..self.clone()
         }
-        out
     }
 
     fn check(&self) -> Result<(), DynamicsError> {
@@ -257,8 +259,9 @@ impl Design {
         start: [f64; 2],
         grids: [&[f64]; 2],
     ) -> ([f64; 2], f64) {
-        let whole = self.scaled(&self.penalized(&self.gram, &start, 1.0));
-        let (_, warm) = self.minimum_of_scaled(&whole, &self.right, 1.0, None);
+        let whole = self.penalized(&self.gram, &start, 1.0);
+        let whole = self.minimum(&whole, &self.right, 1.0, None);
+        let warm: Vec<bool> = whole.iter().map(|v| *v != 0.0).collect();
         let mut best = (start, f64::INFINITY);
         let mut known: Vec<([f64; 2], f64)> = Vec::new();
         let turns: &[usize] = if grids[1].is_empty() {
@@ -413,16 +416,19 @@ impl Design {
         let mut square = 0.0;
         let mut samples = 0;
         let mut warm = warm.map(<[bool]>::to_vec);
-        let penalty = self.penalty(smoothing);
+        let open = (self.open, self.open);
+        let penalty = self.penalty(smoothing).resize(open.0, open.1, 0.0);
         let mut h = penalty.clone();
         for fold in folds {
             // The penalty is about columns of scale 1 only.
-            h.copy_from(&fold.gram);
+            h.copy_from(&fold.gram.view((0, 0), open));
             h.zip_apply(&penalty, |a, p| *a += fold.share * p);
-            let (x, let_in) = self.minimum_of_scaled(&h, &fold.right, fold.share, warm.as_deref());
+            let right = fold.right.rows(0, self.open).into_owned();
+            let (x, let_in) = self.minimum_of_open(&h, &right, fold.share, warm.as_deref());
             warm = Some(let_in);
             let part = &fold.scored;
-            square += (part.square - 2.0 * x.dot(&part.right) + x.dot(&(&part.gram * &x))).max(0.0);
+            let (gram, right) = (part.gram.view((0, 0), open), part.right.rows(0, self.open));
+            square += (part.square - 2.0 * x.dot(&right) + x.dot(&(gram * &x))).max(0.0);
             samples += part.samples;
         }
         (square / samples.max(1) as f64).sqrt()
@@ -469,29 +475,36 @@ impl Design {
         share: f64,
         warm: Option<&[bool]>,
     ) -> DVector<f64> {
-        self.minimum_of_scaled(&self.scaled(h), right, share, warm)
-            .0
+        let h = self.scaled(h).resize(self.open, self.open, 0.0);
+        let right = right.rows(0, self.open).into_owned();
+        let (out, _) = self.minimum_of_open(&h, &right, share, warm);
+        out.resize_vertically(self.y.ncols(), 0.0)
     }
 
-    /// As [`Design::minimum`], of a normal matrix that is scaled; and the coefficients that were let in.
-    fn minimum_of_scaled(
+    /// As [`Design::minimum`], of the columns that may be used and their normal matrix, which is scaled; and those that were
+    /// let in.
+    fn minimum_of_open(
         &self,
         scaled: &DMatrix<f64>,
         right: &DVector<f64>,
         share: f64,
         warm: Option<&[bool]>,
     ) -> (DVector<f64>, Vec<bool>) {
-        let held = (right - &self.threshold * share).component_div(&self.scale);
+        let (scale, threshold) = (
+            self.scale.rows(0, self.open),
+            self.threshold.rows(0, self.open),
+        );
+        let held = (right - threshold * share).component_div(&scale);
         let mut quadratic = Quadratic::new(scaled);
         let mut out = quadratic.minimum(&held, &self.bounds, warm, |_| false);
         let let_in: Vec<bool> = out.iter().map(|v| *v != 0.0).collect();
-        if self.threshold.amax() > 0.0 {
-            let target = right.component_div(&self.scale);
-            let kept_out = |j: usize| !let_in[j] && self.threshold[j] > 0.0;
+        if threshold.amax() > 0.0 {
+            let target = right.component_div(&scale);
+            let kept_out = |j: usize| !let_in[j] && threshold[j] > 0.0;
             let all = vec![true; out.len()];
             out = quadratic.minimum(&target, &self.bounds, Some(&all), kept_out);
         }
-        out.component_div_assign(&self.scale);
+        out.component_div_assign(&scale);
         (out, let_in)
     }
 

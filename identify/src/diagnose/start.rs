@@ -1,0 +1,167 @@
+//! What a search begins with, and which of several searches stays.
+
+use super::dampers::is_damper;
+use super::model::{Candidate, is_known, is_smooth_load};
+use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
+use crate::dynamics::DynamicsError;
+use crate::effect::load::{CATCH, DETENT, SPRING};
+use crate::effect::measurement::TIME_LAG;
+use crate::motion::MotionSettings;
+use crate::payload::is_seen;
+use crate::samples::JointSamples;
+
+/// In the place of a p-value: it was put there unasked.
+const UNASKED: f64 = f64::INFINITY;
+
+/// Effects that have been found in the place of others.
+const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
+
+/// Looks for what the model lacks on `samples`.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn diagnose(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+) -> Result<Diagnosis, DynamicsError> {
+    diagnose_without(samples, settings, &[])
+}
+
+/// As [`diagnose`], without the effects named in `barred`: those that other recordings have refused.
+///
+/// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
+/// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
+/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load at first where none was
+/// found: a damper may have taken its place.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub fn diagnose_without(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+) -> Result<Diagnosis, DynamicsError> {
+    let mut first = First::Any;
+    let mut best = searched(samples, settings, barred, first)?;
+    let is_smooth =
+        |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
+    let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
+    if best.is_far() && !loaded(&best) {
+        let other = searched(samples, settings, barred, First::Load)?;
+        if loaded(&other) && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
+            (best, first) = (other, First::Load);
+        }
+    }
+    let mut barred = barred.to_vec();
+    let mut stood_in = Vec::new();
+    for suspect in SUSPECTS {
+        let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
+        let named =
+            best.effects.iter().any(is_suspect) || suspect == TIME_LAG.name && best.lag_s.is_some();
+        if !named || !best.is_far() {
+            continue;
+        }
+        barred.push(suspect);
+        let without = searched(samples, settings, &barred, first)?;
+        let [left, less] = [&best, &without].map(|found| found.model.held_out_rms);
+        if less > RIVAL_BELOW * left {
+            barred.pop();
+            continue;
+        }
+        best = without;
+        stood_in.push(Refused {
+            name: suspect,
+            reason: "without it others leave less".to_owned(),
+            held_out_rms: [less, left],
+        });
+    }
+    best.refused.extend(stood_in);
+    Ok(best)
+}
+
+/// What a search begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum First {
+    Any,
+    /// A load over the whole range and the dampers that it presses against.
+    Load,
+}
+
+fn searched(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+    first: First,
+) -> Result<Diagnosis, DynamicsError> {
+    // What free air shows of a lag needs no search.
+    let late = samples.aside.late.filter(is_seen);
+    let late = late.filter(|_| !barred.contains(&TIME_LAG.name));
+    let mut samples = samples.clone();
+    if let Some((late, _)) = late {
+        samples = samples.with_effort_earlier(late);
+    }
+    let mut state = State::new(samples, *settings)?;
+    state.lag = late.map(|(late, _)| (late, 0.0));
+    state
+        .bank
+        .retain(|candidate| !barred.contains(&candidate.kind.name));
+    if first == First::Load {
+        state.begin_with_a_load()?;
+    }
+    state.search()?;
+    state.latch()?;
+    state.search_dampers_again()?;
+    state.ask()?;
+    state.finish()
+}
+
+impl State {
+    /// Begins with a load over the whole range, the best that passes or a spring, which must stand beside what comes after it, and with the dampers
+    /// that it presses against: before they are there a notch seems to be where the damper of a closer ends.
+    fn begin_with_a_load(&mut self) -> Result<(), DynamicsError> {
+        let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
+        let mut others: Vec<Candidate> = self.bank.extract_if(.., other).collect();
+        self.step()?;
+        // Beside dampers that few strokes show, one explains nothing alone.
+        let may_be = self.bank.iter().any(|one| one.kind.is(&SPRING));
+        if self.effects.is_empty() && may_be {
+            let used = vec![true; SPRING.terms.len()];
+            let spring = self.ground.found(&SPRING, Vec::new(), used);
+            self.effects.push((spring, UNASKED));
+        }
+        let damper = |candidate: &mut Candidate| is_damper(candidate.kind);
+        self.bank.extend(others.extract_if(.., damper));
+        for _ in 0..MOST_EFFECTS {
+            let Some((_, seen)) = self.survey()? else {
+                break;
+            };
+            let Some((choice, p_value)) = self.choose(&seen) else {
+                break;
+            };
+            self.add(&choice, p_value, &seen)?;
+        }
+        self.bank.extend(others);
+        Ok(())
+    }
+
+    /// Holds what was put there unasked to what holds for all others, beside these; what does not stand is taken out.
+    fn ask(&mut self) -> Result<(), DynamicsError> {
+        let Some(i) = self.effects.iter().position(|(_, p)| *p == UNASKED) else {
+            return Ok(());
+        };
+        let as_is = self.as_is();
+        let (effect, _) = self.effects.remove(i);
+        // A curve over the coordinate is any load.
+        self.ground.curve.clear();
+        let seen = self.survey()?;
+        let own = seen.and_then(|(_, seen)| self.passing(effect.kind, &seen));
+        self.put_back(as_is);
+        match own {
+            Some((_, p_value)) => self.effects[i].1 = p_value,
+            None => {
+                self.effects.remove(i);
+            }
+        }
+        Ok(())
+    }
+}
