@@ -105,6 +105,7 @@ impl SplineMechanism {
         let dq = motion.at_kept(&motion.dq);
         let speed: Vec<f64> = dq.iter().map(|v| v.abs()).collect();
         let (low, high) = extrema(&q);
+        debug_assert!((over_q.1 + 1) * (over_speed.1 + 1) <= MOST_FUNCTIONS);
         let load = Basis::new(low, high, LOAD_PIECES, 3);
         let damping_q = Basis::new(low, high, over_q.0, over_q.1);
         let fastest = quantile(&speed, 0.999).max(1e-9).sqrt();
@@ -298,7 +299,7 @@ impl SplineMechanism {
     /// Its functions on a motion.
     #[must_use]
     pub fn on(&self, motion: &Motion) -> OnMotion {
-        let load = || {
+        let loads = || {
             let functions = self.load.degree() + 1;
             let mut load = SparseColumns::with_capacity(motion.q.len(), functions);
             for &q in &motion.q {
@@ -307,14 +308,14 @@ impl SplineMechanism {
             }
             motion.sparse_regressor(&load, self.load.len())
         };
-        let damping = || {
+        let dampings = || {
             let mut damping = Vec::with_capacity(self.functions_at_a_state() * motion.q.len());
             for (&q, dq) in motion.q.iter().zip(&motion.dq) {
                 damping.extend(self.tensor(q, dq.abs()));
             }
             damping
         };
-        let (load, damping) = both(load, damping);
+        let (load, damping) = both(loads, dampings);
         OnMotion { load, damping }
     }
 
@@ -326,14 +327,14 @@ impl SplineMechanism {
         let total = self.len() - first;
         let bends =
             [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
-        let mut entries = SparseColumns::with_capacity(motion.q.len(), 6);
+        let mut entries = SparseColumns::with_capacity(motion.q.len(), self.functions_at_a_state());
         for (here, &dq) in self.functions_at_samples(on).zip(&motion.dq) {
             let closing = usize::from(dq < 0.0);
             let valve = &self.valves[closing];
             let start = closing * self.damping_coefficients[0].len();
             let own = |slope: f64| {
-                let moved = here.iter();
-                moved.map(move |(j, value)| (start + j, slope * value * dq))
+                here.iter()
+                    .map(move |(j, value)| (start + j, slope * value * dq))
             };
             if valve.is_straight() {
                 entries.push(own(1.0));

@@ -11,10 +11,11 @@ use crate::dynamics::DynamicsError;
 use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};
 use crate::effect::library::{Kind, Search};
 
-/// What slows, and where, is one matter.
+/// Whether it slows more at some places or one way.
 pub(super) fn is_damper(kind: &Kind) -> bool {
     kind.is(&ZONE) || kind.is(&ASYMMETRIC)
 }
+
 /// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
 const NEAR_END: f64 = 0.05;
 
@@ -145,12 +146,8 @@ impl State {
     /// errs a twentieth less, and not by a curve of no name. By the errors with the signs of physics: a damper of the wrong sign may
     /// reach the floor, and has hidden what is there.
     pub(super) fn search_dampers_again(&mut self) -> Result<(), DynamicsError> {
-        let is_damper = |(found, _): &(Found, f64)| is_damper(found.kind);
-        let dampers = self
-            .effects
-            .iter()
-            .filter(|effect| is_damper(effect))
-            .count();
+        let damps = |(found, _): &(Found, f64)| is_damper(found.kind);
+        let dampers = self.effects.iter().filter(|effect| damps(effect)).count();
         // The load that everything began with is no news.
         if dampers < 2 || self.effects.len() < dampers + 2 {
             return Ok(());
@@ -160,7 +157,7 @@ impl State {
             return Ok(());
         }
         let (as_was, had_curve) = (self.as_is(), !self.ground.curve.is_empty());
-        self.effects.retain(|effect| !is_damper(effect));
+        self.effects.retain(|effect| !damps(effect));
         self.refused.clear();
         // A lag would change the samples, which stay as they are.
         let is_lag = |candidate: &mut Candidate| candidate.kind.name == "time_lag";

@@ -80,7 +80,7 @@ pub(super) const RIVAL_BELOW: f64 = 0.95;
 const AS_WELL: f64 = 1.05;
 /// What is left is all a load when a curve leaves this share of its square above the floor.
 const OF_A_LOAD: f64 = 0.05;
-/// An addition after which no more effects are there than before was worth it when the error fell below so many times what it was.
+/// An addition after which the same effects are there as before was worth it when the error fell below so many times what it was.
 const GAINED_BELOW: f64 = 0.995;
 /// That many noise floors are much more than noise.
 pub(super) const MUCH: f64 = 2.0;
@@ -161,6 +161,7 @@ type Columns = Vec<Vec<f64>>;
 pub(super) struct AsWas {
     effects: Vec<(Found, f64)>,
     refused: Vec<Refused>,
+    given_up: Vec<&'static str>,
     curve: Vec<Vec<f64>>,
     active: [bool; 3],
     floor: NoiseFloor,
@@ -212,7 +213,7 @@ impl State {
 
     pub(super) fn search(&mut self) -> Result<(), DynamicsError> {
         for _ in 0..2 * MOST_EFFECTS {
-            if !self.step()? {
+            if self.effects.len() >= MOST_EFFECTS || !self.step()? {
                 break;
             }
         }
@@ -224,6 +225,7 @@ impl State {
         AsWas {
             effects: self.effects.clone(),
             refused: self.refused.clone(),
+            given_up: self.given_up.clone(),
             curve: self.ground.curve.clone(),
             active: self.ground.active,
             floor: self.floor,
@@ -234,6 +236,7 @@ impl State {
     pub(super) fn put_back(&mut self, as_was: AsWas) {
         self.effects = as_was.effects;
         self.refused = as_was.refused;
+        self.given_up = as_was.given_up;
         self.ground.curve = as_was.curve;
         self.ground.active = as_was.active;
         self.floor = as_was.floor;
@@ -271,16 +274,13 @@ impl State {
     }
 
     /// Adds one effect; whether there was one to add.
-    pub(super) fn step(&mut self) -> Result<bool, DynamicsError> {
+    fn step(&mut self) -> Result<bool, DynamicsError> {
         let Some((x, seen)) = self.survey()? else {
             return Ok(false);
         };
-        let choice = match self.weight_of_what_lies(&seen) {
-            Some(weight) => Some(weight),
-            None => self.choose(&seen),
-        };
+        let choice = self.next(&seen);
         if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
-            return Ok(self.effects.len() < MOST_EFFECTS);
+            return Ok(true);
         }
         let Some((choice, p_value)) = choice else {
             return Ok(false);
@@ -291,16 +291,28 @@ impl State {
         } else {
             self.add(&choice, p_value, &seen)?;
         }
-        Ok(self.effects.len() < MOST_EFFECTS)
+        Ok(true)
+    }
+
+    /// As [`State::step`] of what the library has a name for; there is no lag in the bank.
+    pub(super) fn add_named(&mut self) -> Result<bool, DynamicsError> {
+        let Some((_, seen)) = self.survey()? else {
+            return Ok(false);
+        };
+        let Some((choice, p_value)) = self.next(&seen) else {
+            return Ok(false);
+        };
+        self.add(&choice, p_value, &seen)?;
+        Ok(true)
+    }
+
+    /// What comes next of what passes, and how often chance gives as much.
+    fn next(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
+        self.weight_of_what_lies(seen).or_else(|| self.choose(seen))
     }
 
     /// Adds the choice or what does better in its place.
-    pub(super) fn add(
-        &mut self,
-        choice: &Ranked,
-        p_value: f64,
-        seen: &Look,
-    ) -> Result<(), DynamicsError> {
+    fn add(&mut self, choice: &Ranked, p_value: f64, seen: &Look) -> Result<(), DynamicsError> {
         let (before, error) = (self.names(), self.error()?);
         let as_was = self.effects.clone();
         self.add_best(choice, p_value, seen)?;

@@ -1,5 +1,6 @@
 //! What a search begins with, and which of several searches stays.
 
+use super::confirm::shown;
 use super::dampers::is_damper;
 use super::model::{Candidate, is_known, is_smooth_load};
 use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
@@ -11,7 +12,7 @@ use crate::payload::is_seen;
 use crate::samples::JointSamples;
 
 /// In the place of a p-value: it was put there unasked.
-const UNASKED: f64 = f64::INFINITY;
+pub(super) const UNASKED: f64 = f64::INFINITY;
 
 /// Effects that have been found in the place of others.
 const SUSPECTS: [&str; 3] = [TIME_LAG.name, DETENT.name, CATCH.name];
@@ -31,8 +32,8 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load at first where none was
-/// found: a damper may have taken its place.
+/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load and
+/// its dampers at first where no load was found: a damper may have taken its place.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -47,8 +48,11 @@ pub fn diagnose_without(
         |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
     let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
     if best.is_far() && !loaded(&best) {
-        let other = searched(samples, settings, barred, First::Load)?;
-        if loaded(&other) && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms {
+        let other = shown(searched(samples, settings, barred, First::Load))?;
+        if let Some(other) = other
+            && loaded(&other)
+            && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms
+        {
             (best, first) = (other, First::Load);
         }
     }
@@ -62,7 +66,10 @@ pub fn diagnose_without(
             continue;
         }
         barred.push(suspect);
-        let without = searched(samples, settings, &barred, first)?;
+        let Some(without) = shown(searched(samples, settings, &barred, first))? else {
+            barred.pop();
+            continue;
+        };
         let [left, less] = [&best, &without].map(|found| found.model.held_out_rms);
         if less > RIVAL_BELOW * left {
             barred.pop();
@@ -117,11 +124,12 @@ fn searched(
 
 impl State {
     /// Begins with a load over the whole range, the best that passes or a spring, which must stand beside what comes after it, and with the dampers
-    /// that it presses against: before they are there a notch seems to be where the damper of a closer ends.
+    /// that it presses against: before they are there a notch seems to be where the damper of a closer ends. What chance gives is asked of these
+    /// kinds alone.
     fn begin_with_a_load(&mut self) -> Result<(), DynamicsError> {
         let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
         let mut others: Vec<Candidate> = self.bank.extract_if(.., other).collect();
-        self.step()?;
+        self.add_named()?;
         // Beside dampers that few strokes show, one explains nothing alone.
         let may_be = self.bank.iter().any(|one| one.kind.is(&SPRING));
         if self.effects.is_empty() && may_be {
@@ -132,14 +140,13 @@ impl State {
         let damper = |candidate: &mut Candidate| is_damper(candidate.kind);
         self.bank.extend(others.extract_if(.., damper));
         for _ in 0..MOST_EFFECTS {
-            let Some((_, seen)) = self.survey()? else {
+            if self.effects.len() >= MOST_EFFECTS || !self.add_named()? {
                 break;
-            };
-            let Some((choice, p_value)) = self.choose(&seen) else {
-                break;
-            };
-            self.add(&choice, p_value, &seen)?;
+            }
         }
+        // Beside others they may come again.
+        self.given_up.clear();
+        self.refused.clear();
         self.bank.extend(others);
         Ok(())
     }

@@ -8,6 +8,7 @@ use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
 use super::shapes::{moments, polished};
+use super::start::UNASKED;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search};
 use crate::effect::measurement::GRASP_COMPLIANCE;
@@ -327,8 +328,8 @@ impl State {
         while self.effects.len() > 1 {
             let mut least: Option<(usize, f64, f64, f64)> = None;
             for i in 0..self.effects.len() {
-                let found = &self.effects[i].0;
-                if self.is_sure(found.kind) {
+                let (found, p_value) = &self.effects[i];
+                if self.is_sure(found.kind) || *p_value == UNASKED {
                     continue;
                 }
                 let x = self.without(i)?;

@@ -346,7 +346,7 @@ impl Design {
         })
     }
 
-    /// Sum of squared residuals with one smoothing and with all the damping that fits, asked for or not.
+    /// Sum of squared residuals with one smoothing and with all the damping that fits, asked for or not, open or not.
     pub(super) fn cost(&self, smoothing: &[f64; 2]) -> f64 {
         let h = self.scaled(&self.penalized(&self.gram, smoothing, 1.0));
         let x = bounded_quadratic(
