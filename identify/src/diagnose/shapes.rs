@@ -6,11 +6,12 @@ use nalgebra::{DMatrix, DVector};
 use super::model::{Columns, Found, Ground, signs_hold};
 use super::score::{factor, gram};
 use crate::effect::library::{Kind, Search};
+use crate::parallel::in_parallel;
 use crate::products::dot;
 
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
-const ENOUGH: f64 = 1e-5;
+const ENOUGH: f64 = 1e-4;
 /// A shape that does next to nothing where it is, such as the end of a zone behind the range, is damped as one with this share of the curvature of the
 /// most curved one: it has no reason to go far.
 const FLAT: f64 = 1e-3;
@@ -255,32 +256,28 @@ fn jacobian(
             Some(start)
         })
         .collect();
-    free.iter()
-        .map(|parameter| {
-            let mut found = trial.effects[parameter.effect].clone();
-            let at = found.shape[parameter.shape];
-            let mut step = parameter.small();
-            let mut moved = parameter.moved(at, step);
-            if moved == at {
-                step = -step;
-                moved = parameter.moved(at, step);
+    let each = in_parallel(free, |parameter| {
+        let mut found = trial.effects[parameter.effect].clone();
+        let at = found.shape[parameter.shape];
+        let mut step = parameter.small();
+        let mut moved = parameter.moved(at, step);
+        if moved == at {
+            step = -step;
+            moved = parameter.moved(at, step);
+        }
+        found.shape[parameter.shape] = moved;
+        let there = ground.filtered(&found).ok()?;
+        let mut out = vec![0.0; trial.residual.len()];
+        let here = &trial.columns[parameter.effect];
+        let terms = &trial.theta[starts[parameter.effect]..];
+        for ((there, here), theta) in there.iter().zip(here.iter()).zip(terms) {
+            for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
+                *out += theta * (a - b) / step;
             }
-            found.shape[parameter.shape] = moved;
-            let there = ground.filtered(&found).ok()?;
-            let mut out = vec![0.0; trial.residual.len()];
-            let here = &trial.columns[parameter.effect];
-            for ((there, here), theta) in there
-                .iter()
-                .zip(here.iter())
-                .zip(&trial.theta[starts[parameter.effect]..])
-            {
-                for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
-                    *out += theta * (a - b) / step;
-                }
-            }
-            Some(out)
-        })
-        .collect()
+        }
+        Some(out)
+    });
+    each.into_iter().collect()
 }
 
 /// The normal equations of a step of all terms and shapes.
