@@ -212,6 +212,25 @@ fn a_closer_biases_the_base_model_and_not_the_joint_fit() {
 }
 
 #[test]
+fn a_mechanism_without_damping_is_one_whose_other_columns_are_struck_out() {
+    let samples = record(&CLOSER, 30.0, [2e-5, 0.02], 3);
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let parametric = Design::new(&motion, &[&RigidBody], None).unwrap();
+    let mechanism = SplineMechanism::over(&motion);
+    let design = parametric.with_surfaces(&motion, &mechanism);
+    let undamped = design.undamped();
+    let used = design.params + mechanism.load_basis().len();
+    let solution = undamped.solve(&MIDDLING);
+    let h = design.penalized(&design.gram, &MIDDLING, 1.0);
+    let direct = h.view((0, 0), (used, used)).into_owned().cholesky().unwrap();
+    let direct = direct.solve(&design.right.rows(0, used).into_owned());
+    assert!((solution.rows(0, used) - &direct).amax() < 1e-7 * direct.amax());
+    assert_eq!(solution.rows_range(used..).amax(), 0.0);
+    let [without, with] = [&undamped, &design].map(|design| design.held_out(&MIDDLING));
+    assert!(without > 1.1 * with, "{without} {with}");
+}
+
+#[test]
 fn slow_strokes_alone_leave_the_inertia_unknown_and_say_what_to_do() {
     let mut samples = record(&PLAIN, 30.0, [4e-5, 0.3], 4);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
