@@ -422,7 +422,10 @@ impl Design {
         let rigid = ["inertia", "coulomb", "viscous"];
         let of_rigid = self.names.iter().zip(theta.iter());
         let mut of_rigid = of_rigid.filter(|(name, _)| rigid.contains(name));
-        let is_driven = effort_rms > 0.0 && of_rigid.all(|(_, value)| *value == 0.0);
+        // On one way there and none back a load does for all of them, and the effort works all the same.
+        let viscous = self.names.iter().position(|name| *name == "viscous");
+        let takes_power = viscous.is_none_or(|j| self.right[j] < 0.0);
+        let is_driven = effort_rms > 0.0 && takes_power && of_rigid.all(|(_, value)| *value == 0.0);
         let mut terms = Vec::new();
         let mut not_identified = BTreeMap::new();
         for (j, name) in self.names.iter().enumerate() {

@@ -38,6 +38,24 @@ pub enum TableError {
         /// What the reader says.
         source: csv::Error,
     },
+    /// It is no table.
+    #[error("{} is an MCAP recording and no table; give it to ft-identify without `table`", path.display())]
+    Recording {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A row has other cells than the header.
+    #[error("{}: row {row} has {cells} cells and the header {columns}; mend the row or remove it", path.display())]
+    OtherCells {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        row: u64,
+        /// Cells of the row.
+        cells: u64,
+        /// Cells of the header.
+        columns: u64,
+    },
     /// A named column is not there.
     #[error("{}: no column `{name}`; {}", path.display(), if there.is_empty() {
         "the file is empty".to_owned()
@@ -72,7 +90,7 @@ pub enum TableError {
     #[error("{}: row {row}, column `{column}`: `{text}` is not a number{}", path.display(), if text.contains(',') {
         " (decimals come after a point)"
     } else {
-        ""
+        "; remove the row or fill it in"
     })]
     NotANumber {
         /// The file.
@@ -164,6 +182,11 @@ pub fn read_table(
         });
     }
     let bytes = std::fs::read(path).map_err(|source| io(source.into()))?;
+    if bytes.starts_with(b"\x89MCAP") {
+        return Err(TableError::Recording {
+            path: path.to_owned(),
+        });
+    }
     let (separator, there) = separated(&bytes, wanted).map_err(io)?;
     let find = |name: &String| {
         let mut found = (0..there.len()).filter(|&at| there[at] == *name);
@@ -184,7 +207,19 @@ pub fn read_table(
     let mut reader = csv_reader(&bytes, separator);
     let mut rows: Vec<[f64; 3]> = Vec::new();
     for record in reader.records() {
-        let record = record.map_err(io)?;
+        let record = record.map_err(|source| match *source.kind() {
+            csv::ErrorKind::UnequalLengths {
+                ref pos,
+                expected_len,
+                len,
+            } => TableError::OtherCells {
+                path: path.to_owned(),
+                row: pos.as_ref().map_or(0, csv::Position::line),
+                cells: len,
+                columns: expected_len,
+            },
+            _ => io(source),
+        })?;
         let row = record.position().map_or(0, csv::Position::line);
         let mut values = [0.0_f64; 3];
         for ((value, at), name) in values.iter_mut().zip(index).zip(wanted) {

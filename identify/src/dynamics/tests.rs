@@ -222,7 +222,11 @@ fn a_mechanism_without_damping_is_one_whose_other_columns_are_struck_out() {
     let used = design.params + mechanism.load_basis().len();
     let solution = undamped.solve(&MIDDLING);
     let h = design.penalized(&design.gram, &MIDDLING, 1.0);
-    let direct = h.view((0, 0), (used, used)).into_owned().cholesky().unwrap();
+    let direct = h
+        .view((0, 0), (used, used))
+        .into_owned()
+        .cholesky()
+        .unwrap();
     let direct = direct.solve(&design.right.rows(0, used).into_owned());
     assert!((solution.rows(0, used) - &direct).amax() < 1e-7 * direct.amax());
     assert_eq!(solution.rows_range(used..).amax(), 0.0);

@@ -178,7 +178,11 @@ impl Report {
                     high.to_degrees()
                 )
             }
-            JointKind::Prismatic => format!("prismatic, probed from {low:.3} to {high:.3} m"),
+            JointKind::Prismatic => {
+                // A travel of parts of a millimetre needs more digits.
+                let digits = if high - low < 0.01 { 6 } else { 3 };
+                format!("prismatic, probed from {low:.digits$} to {high:.digits$} m")
+            }
         }
     }
 

@@ -65,6 +65,27 @@ fn text_in_a_cell_is_shown_with_its_place() {
 }
 
 #[test]
+fn an_empty_cell_a_short_row_and_a_recording_say_what_to_do() {
+    for (content, says) in [
+        (
+            "t,q,f\n0,0,0\n0.1,,0\n",
+            "row 3, column `q`: `` is not a number; remove the row or fill it in",
+        ),
+        (
+            "t,q,f\n0,0,0\n0.1,0\n",
+            "row 3 has 2 cells and the header 3; mend the row or remove it",
+        ),
+    ] {
+        let error = read(content).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(b"\x89MCAP0\r\n").unwrap();
+    let error = read_table(file.path(), &columns(), JointKind::Revolute).unwrap_err();
+    assert!(error.to_string().contains("without `table`"), "{error}");
+}
+
+#[test]
 fn a_nan_is_shown_with_its_place() {
     let error = read("t,q,f\n0,0,NaN\n").unwrap_err().to_string();
     assert!(

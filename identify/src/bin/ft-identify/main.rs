@@ -23,7 +23,7 @@ use ft_identify::report::Joint;
 use ft_identify::screw::JointKind;
 use ft_identify::table::{Recipe, TableColumns, doubts, identify_published, read_table};
 use ft_identify::track::{TrackError, TrackJoint, identify_track};
-use ft_recording::TopicMap;
+use ft_recording::{ReadError, TopicMap};
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 
@@ -239,7 +239,17 @@ fn with_input(error: &IdentifyError, arguments: &Arguments) -> String {
         Some(_) => None,
         None => arguments.recording.recording.as_ref(),
     };
-    let text = error.to_string();
+    let mut text = error.to_string();
+    let is_text = |file: &PathBuf| {
+        let extension = file.extension().map(|e| e.to_ascii_lowercase());
+        extension.is_some_and(|e| e == "csv" || e == "tsv" || e == "txt")
+    };
+    if arguments.command.is_none()
+        && matches!(error, IdentifyError::Read(ReadError::NotMcap { .. }))
+        && file.is_some_and(is_text)
+    {
+        text += "; a table of samples is read by `ft-identify table`, see its --help";
+    }
     match file.map(|file| file.display().to_string()) {
         Some(file) if !text.contains(&file) => format!("{file}: {text}"),
         _ => text,
