@@ -195,22 +195,24 @@ impl Step {
 }
 
 /// Poses without those that come less than a quarter period after the one before: trackers stamp some 1 us apart.
-pub(super) fn thinned(samples: Vec<(f64, Isometry3<f64>)>) -> Vec<(f64, Isometry3<f64>)> {
+pub(super) fn thinned(mut samples: Vec<(f64, Isometry3<f64>)>) -> Vec<(f64, Isometry3<f64>)> {
     let least = 0.25 * median_step(samples.iter().map(|s| s.0));
-    let mut kept: Vec<(f64, Isometry3<f64>)> = Vec::with_capacity(samples.len());
-    for (t, mut pose) in samples {
-        if let Some((last, before)) = kept.last() {
-            if t - last < least {
-                continue;
+    let mut before: Option<(f64, Isometry3<f64>)> = None;
+    // In place: an hour of them is much memory.
+    samples.retain_mut(|(t, pose)| {
+        if let Some((last, before)) = before {
+            if *t - last < least {
+                return false;
             }
             // Both quaternions stand for one rotation: stay on one side.
             if before.rotation.coords.dot(&pose.rotation.coords) < 0.0 {
                 pose.rotation = UnitQuaternion::new_unchecked(-pose.rotation.into_inner());
             }
         }
-        kept.push((t, pose));
-    }
-    kept
+        before = Some((*t, *pose));
+        true
+    });
+    samples
 }
 
 /// Each pose the mean of `every` following ones.
