@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, confirm,
-    diagnose_without, evidence, floor_of,
+    diagnose_without, evidence, floor_of, state_spread,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
@@ -139,6 +139,7 @@ pub fn analyse_confirmed(
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
     drop_useless(&mut diagnosis, &mut confirmed)?;
+    state_spread(&mut diagnosis)?;
     let mut base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let mut named = diagnosis.model.clone();
@@ -474,7 +475,7 @@ const LEFT_BELOW: f64 = 0.97;
 const MANY: usize = 120_000;
 
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
-const ALONE_ABOVE: f64 = 1.5;
+const ALONE_ABOVE: f64 = 1.03;
 
 /// `model` as uncertain in inertia and friction as either says, and without what `full` has not.
 fn known_to_both(mut model: EffortModel, full: &EffortModel) -> EffortModel {

@@ -21,6 +21,7 @@ mod scan;
 mod score;
 mod search;
 mod shapes;
+mod spread;
 mod start;
 mod tidy;
 
@@ -31,4 +32,5 @@ pub use model::Found;
 pub(crate) use model::per_velocity;
 pub(crate) use search::floor_of;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};
+pub(crate) use spread::state_spread;
 pub use start::{diagnose, diagnose_without};

@@ -14,6 +14,7 @@ mod turns;
 mod valved;
 
 pub use joint::JointFit;
+pub(crate) use left_out::covariance_of_columns;
 pub use structure::{Structure, structure};
 
 use std::collections::BTreeMap;

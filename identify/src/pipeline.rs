@@ -301,9 +301,9 @@ pub fn identified_table(
         files: vec![file_name(file)],
         duration_s: samples.time.last().copied().unwrap_or(0.0)
             - samples.time.first().copied().unwrap_or(0.0),
-        gaps: samples.runs.len().saturating_sub(1),
         ..Input::default()
-    };
+    }
+    .with_gaps(&samples.runs, &samples.time);
     let report = Report::new(input, Joint::of_table(samples.kind, analysis.q_range))
         .with_dynamics(&analysis);
     let provenance = Provenance {
@@ -517,9 +517,9 @@ fn describe(
             }
             .to_owned(),
         ),
-        gaps: tool.gaps,
         ..Input::default()
-    };
+    }
+    .with_gaps(&tool.runs, &tool.time);
     let mut report = Report::new(
         input,
         Joint::of_poses(&effort.axis, joint, candidates, [low, high]),

@@ -8,6 +8,7 @@ mod summary;
 use summary::figure;
 pub use summary::with_std;
 
+use core::ops::Range;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -99,6 +100,34 @@ pub struct Input {
     pub grasp: Option<String>,
     /// Gaps in the streams.
     pub gaps: usize,
+    /// Begin and end of the longest of them, s from the first sample.
+    pub longest_gap_s: Option<[f64; 2]>,
+}
+
+impl Input {
+    /// With the gaps between the runs of samples at these times, s.
+    #[must_use]
+    pub fn with_gaps(mut self, runs: &[Range<usize>], time: &[f64]) -> Self {
+        let start = time.first().copied().unwrap_or(0.0);
+        let between = runs
+            .windows(2)
+            .map(|pair| [pair[0].end - 1, pair[1].start].map(|i| time[i] - start));
+        let length = |gap: &[f64; 2]| gap[1] - gap[0];
+        self.longest_gap_s = between.max_by(|a, b| length(a).total_cmp(&length(b)));
+        self.gaps = runs.len().saturating_sub(1);
+        self
+    }
+
+    fn gap_note(&self) -> Option<String> {
+        let [from, to] = self.longest_gap_s?;
+        let place = format!("from {from:.2} to {to:.2} s after the first sample");
+        Some(match self.gaps {
+            1 => format!("a gap in the data {place}; nothing was interpolated across it"),
+            gaps => format!(
+                "{gaps} gaps in the data, the longest {place}; nothing was interpolated across them"
+            ),
+        })
+    }
 }
 
 /// The joint.
@@ -206,7 +235,7 @@ impl MechanismSummary {
     /// What it holds, for sentences about it where effects are named.
     pub(crate) fn beside(&self) -> &'static str {
         if self.holds_named {
-            ", the named ones among those of coordinate and velocity included: in the shapes found they leave more"
+            "; the named effects of position and speed are part of it, as it foretells better than the shapes found for them"
         } else {
             ", besides the named effects"
         }
@@ -264,13 +293,7 @@ impl Report {
     /// A report on a joint whose dynamics are not known yet.
     #[must_use]
     pub fn new(input: Input, joint: Joint) -> Self {
-        let notes = match input.gaps {
-            0 => Vec::new(),
-            1 => vec!["a gap in the data; nothing was interpolated across it".to_owned()],
-            gaps => vec![format!(
-                "{gaps} gaps in the data; nothing was interpolated across them"
-            )],
-        };
+        let notes = input.gap_note().into_iter().collect();
         Self {
             schema: SCHEMA,
             base: Base {

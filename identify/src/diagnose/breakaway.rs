@@ -274,6 +274,7 @@ pub(crate) fn add_stiction(
         held_out_rms,
         p_value: 0.0,
         ambiguous_with: Vec::new(),
+        shape_std: Vec::new(),
     });
     Ok(())
 }

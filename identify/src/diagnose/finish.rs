@@ -86,6 +86,7 @@ impl State {
                 held_out_rms: [without, with],
                 p_value,
                 ambiguous_with,
+                shape_std: Vec::new(),
             });
         }
         effects.reverse();
@@ -124,6 +125,7 @@ impl State {
                 held_out_rms,
                 p_value,
                 ambiguous_with: Vec::new(),
+                shape_std: Vec::new(),
             };
             // A grasp that gives moves tool and object apart in time as well.
             let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
@@ -153,6 +155,7 @@ impl State {
                 held_out_rms: [before.held_out_rms, model.held_out_rms],
                 p_value: 0.0,
                 ambiguous_with: Vec::new(),
+                shape_std: Vec::new(),
             });
         }
         if let Some(slip) = self.slip(&ordered, model.held_out_rms)? {
@@ -281,6 +284,7 @@ impl State {
             held_out_rms: [before, after],
             p_value: 0.0,
             ambiguous_with: Vec::new(),
+            shape_std: Vec::new(),
         };
         Ok((moved > LEAST_SIZE * self.floor.rms).then_some(effect))
     }

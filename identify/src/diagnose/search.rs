@@ -37,6 +37,8 @@ pub struct NamedEffect {
     pub p_value: f64,
     /// What fits nearly as well.
     pub ambiguous_with: Vec<Ambiguity>,
+    /// Standard deviations of the shape parameters, as far as they are stated; empty before that.
+    pub shape_std: Vec<Option<f64>>,
 }
 
 /// A candidate that improved the fit and was turned down.

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
 use super::score::{factor, gram};
-use crate::effect::library::{Kind, Search};
+use crate::effect::library::{Kind, Scope, Search};
+use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel;
 use crate::products::dot;
 
@@ -18,9 +19,9 @@ const FLAT: f64 = 1e-3;
 
 /// A shape parameter of one of the effects, with a step of its own size and with limits.
 #[derive(Clone, Copy)]
-struct Free {
-    effect: usize,
-    shape: usize,
+pub(super) struct Free {
+    pub(super) effect: usize,
+    pub(super) shape: usize,
     /// Steps are factors.
     by_factor: bool,
     /// What a step of one adds, when steps are not factors.
@@ -34,16 +35,16 @@ impl Free {
         shape: usize,
         search: Search,
         start: f64,
-        ground: &Ground,
+        scope: &Scope<'_>,
     ) -> Option<Self> {
-        let range = ground.scope().range();
+        let range = scope.range();
         let (by_factor, unit, limits) = match search {
             Search::Fixed | Search::Form => return None,
             Search::Way(share) => (false, range, [start - share * range, start + share * range]),
             Search::Seconds(s) => (false, s, [start - s, start + s]),
             Search::Factor(f) => (true, 1.0, [start / (f * f), start * f * f]),
             Search::Below => {
-                let fastest = ground.scope().fastest();
+                let fastest = scope.fastest();
                 (true, 1.0, [0.12 * fastest, fastest])
             }
             Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
@@ -67,10 +68,38 @@ impl Free {
         there.clamp(self.limits[0], self.limits[1])
     }
 
+    /// Half of what the limits leave, in steps of one.
+    pub(super) fn reach(&self) -> f64 {
+        let [low, high] = self.limits;
+        0.5 * if self.by_factor {
+            (high / low).ln()
+        } else {
+            (high - low) / self.unit
+        }
+    }
+
+    /// What a step of one changes at `at`.
+    pub(super) fn per_step(&self, at: f64) -> f64 {
+        if self.by_factor { at } else { self.unit }
+    }
+
     /// A step that changes the regressors little.
     fn small(&self) -> f64 {
         if self.by_factor { 0.02 } else { 4e-3 }
     }
+}
+
+/// The free shapes of effects.
+pub(super) fn free_of(scope: &Scope<'_>, effects: &[Found]) -> Vec<Free> {
+    let each = effects.iter().enumerate().flat_map(|(effect, found)| {
+        // A relief that no term asks for stays where it is.
+        let unused = found.used.iter().any(|used| !used);
+        let shapes = found.kind.shape.iter().zip(&found.shape).enumerate();
+        shapes
+            .filter(move |(_, (of, _))| !(of.2 == Search::Below && unused))
+            .filter_map(move |(shape, (of, start))| Free::of(effect, shape, of.2, *start, scope))
+    });
+    each.collect()
 }
 
 /// The shape with its moment, where it has one, on a grid about where it is: the error has many minima over it, one in each stroke and
@@ -186,21 +215,7 @@ pub(super) fn polished(
     y: &[f64],
     effects: Vec<Found>,
 ) -> Vec<Found> {
-    let free: Vec<Free> = effects
-        .iter()
-        .enumerate()
-        .flat_map(|(effect, found)| {
-            // A relief that no term asks for stays where it is.
-            let unused = found.used.iter().any(|used| !used);
-            let shapes = found.kind.shape.iter().zip(&found.shape).enumerate();
-            shapes
-                .filter(move |(_, (of, _))| !(of.2 == Search::Below && unused))
-                .filter_map(move |(shape, (of, start))| {
-                    Free::of(effect, shape, of.2, *start, ground)
-                })
-                .collect::<Vec<_>>()
-        })
-        .collect();
+    let free = free_of(&ground.scope(), &effects);
     if free.is_empty() {
         return effects;
     }
@@ -240,24 +255,36 @@ pub(super) fn polished(
     best.effects
 }
 
-/// What a unit step of each free shape does to the effort.
+/// What a unit step of each free shape of a trial does to the effort.
 fn jacobian(
     ground: &Ground,
     x: &[Vec<f64>],
     trial: &Trial,
     free: &[Free],
 ) -> Option<Vec<Vec<f64>>> {
-    let starts: Vec<usize> = trial
-        .effects
+    let theta = &trial.theta[x.len()..];
+    moves(&ground.motion, &trial.effects, &trial.columns, theta, free).ok()
+}
+
+/// What a unit step of each free shape does to the effort, in the order of the kept samples, where the effects have these filtered columns and
+/// `theta` for their terms.
+pub(super) fn moves(
+    motion: &Motion,
+    effects: &[Found],
+    columns: &[Columns],
+    theta: &[f64],
+    free: &[Free],
+) -> Result<Vec<Vec<f64>>, MotionError> {
+    let starts: Vec<usize> = effects
         .iter()
-        .scan(x.len(), |at, found| {
+        .scan(0, |at, found| {
             let start = *at;
             *at += found.terms().count();
             Some(start)
         })
         .collect();
     let each = in_parallel(free, |parameter| {
-        let mut found = trial.effects[parameter.effect].clone();
+        let mut found = effects[parameter.effect].clone();
         let at = found.shape[parameter.shape];
         let mut step = parameter.small();
         let mut moved = parameter.moved(at, step);
@@ -266,16 +293,16 @@ fn jacobian(
             moved = parameter.moved(at, step);
         }
         found.shape[parameter.shape] = moved;
-        let there = ground.filtered(&found).ok()?;
-        let mut out = vec![0.0; trial.residual.len()];
-        let here = &trial.columns[parameter.effect];
-        let terms = &trial.theta[starts[parameter.effect]..];
-        for ((there, here), theta) in there.iter().zip(here.iter()).zip(terms) {
+        let mut out = vec![0.0; motion.kept.len()];
+        let here = &columns[parameter.effect];
+        let terms = &theta[starts[parameter.effect]..];
+        for ((series, here), theta) in found.series(motion).iter().zip(here.iter()).zip(terms) {
+            let there = motion.regressor(series)?;
             for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
                 *out += theta * (a - b) / step;
             }
         }
-        Some(out)
+        Ok(out)
     });
     each.into_iter().collect()
 }

@@ -24,7 +24,7 @@ use core::ops::Range;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::motion::Motion;
-use crate::products::{crossed, gram};
+use crate::products::{crossed, dot, gram};
 
 type Factor = Cholesky<f64, Dyn>;
 
@@ -156,6 +156,40 @@ impl<'a> LeftOut<'a> {
         });
         out.component_mul(&(&wider * wider.transpose()))
     }
+}
+
+/// Covariance of the parameters of filtered `columns` by what each stretch of the motion moves them, where `residual` is left; `known` = what else
+/// is known of each, as one over a variance times that of the residual. Zero for those that are `fixed`, nothing where no two stretches say enough.
+pub(crate) fn covariance_of_columns(
+    motion: &Motion,
+    columns: &[Vec<f64>],
+    known: &[f64],
+    residual: &[f64],
+    fixed: impl Fn(usize) -> bool,
+) -> Option<DMatrix<f64>> {
+    let free: Vec<usize> = (0..columns.len()).filter(|&j| !fixed(j)).collect();
+    let norm = |j: &usize| (dot(&columns[*j], &columns[*j]) + known[*j]).sqrt();
+    let scale: Vec<f64> = free.iter().map(norm).collect();
+    let z = DMatrix::from_fn(residual.len(), free.len(), |i, j| {
+        columns[free[j]][i] / scale[j]
+    });
+    let mut h = gram(&z);
+    for (j, scale) in scale.iter().enumerate() {
+        h[(j, j)] += known[free[j]] / scale.powi(2);
+    }
+    let mut left_out = LeftOut::new(&h, free.len());
+    for block in blocks(motion) {
+        left_out.add(&z.rows_range(block.clone()).into_owned(), &residual[block]);
+        left_out.leave_out();
+    }
+    let inner = left_out.covariance();
+    let mut out = DMatrix::zeros(columns.len(), columns.len());
+    for (i, &row) in free.iter().enumerate() {
+        for (j, &column) in free.iter().enumerate() {
+            out[(row, column)] = inner[(i, j)] / (scale[i] * scale[j]);
+        }
+    }
+    out.iter().all(|value| value.is_finite()).then_some(out)
 }
 
 /// 95 % interval of Student's distribution over the normal one's: Abramowitz and Stegun, 26.7.5.

@@ -3,18 +3,21 @@
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::Analysis;
-use crate::diagnose::{Evidence, Found, NamedEffect};
+use crate::diagnose::{Evidence, NamedEffect};
 use crate::dynamics::{EffortModel, Term};
 use crate::effect::library::{Belongs, Search, Unit};
 use crate::screw::JointKind;
 
 /// An effect that was added, as written.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct EffectEntry {
     /// Name from the project's vocabulary.
     pub name: &'static str,
     /// Terms and shape parameters.
     pub terms: Vec<Term>,
+    /// How many of them are terms: they come first.
+    #[serde(skip)]
+    pub fitted: usize,
     /// Error on held-out strokes before and after, N m or N.
     pub held_out_rms: [f64; 2],
     /// The same over the effort.
@@ -90,7 +93,7 @@ pub(super) fn entries(analysis: &Analysis) -> (Vec<EffectEntry>, Vec<RefusedEntr
             let terms = if effect.found.kind.name == "time_lag" {
                 lag_terms(analysis)
             } else {
-                terms_of(&effect.found, &analysis.named, analysis.kind, &mut at)
+                terms_of(effect, &analysis.named, analysis.kind, &mut at)
             };
             entry(analysis, effect, i, terms, effort)
         })
@@ -118,6 +121,7 @@ fn entry(
     EffectEntry {
         name: effect.found.kind.name,
         terms,
+        fitted: effect.found.terms().count(),
         held_out_rms: effect.held_out_rms,
         relative: effect
             .held_out_rms
@@ -148,7 +152,13 @@ fn lag_terms(analysis: &Analysis) -> Vec<Term> {
 }
 
 /// Terms of one effect out of the model's, from `at` on, then its shape.
-fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize) -> Vec<Term> {
+fn terms_of(
+    effect: &NamedEffect,
+    model: &EffortModel,
+    joint: JointKind,
+    at: &mut usize,
+) -> Vec<Term> {
+    let found = &effect.found;
     let mut out = Vec::new();
     for term in found.terms() {
         out.push(Term {
@@ -161,7 +171,8 @@ fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize
         *at += 1;
     }
     let all_used = found.used.iter().all(|used| *used);
-    for (shape, value) in found.kind.shape.iter().zip(&found.shape) {
+    let shapes = found.kind.shape.iter().zip(&found.shape).enumerate();
+    for (k, (shape, value)) in shapes {
         // A relief that no term asks for, an instant at which nothing happens.
         let relief = !all_used && shape.2 == Search::Below;
         if relief || shape.1 == Unit::Time && *value < 0.0 {
@@ -170,7 +181,7 @@ fn terms_of(found: &Found, model: &EffortModel, joint: JointKind, at: &mut usize
         out.push(Term {
             name: shape.0.to_owned(),
             value: Some(*value),
-            std: None,
+            std: effect.shape_std.get(k).copied().flatten(),
             unit: shape.1.text(joint),
         });
     }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::Report;
+use super::effects::EffectEntry;
 use crate::analysis::Verdict;
 use crate::dynamics::Term;
 use crate::screw::JointKind;
@@ -148,7 +149,7 @@ impl Report {
                 out,
                 "lacked     {}{}: {before} -> {after} {unit} ({share_before:.1} -> {share_after:.1} %)",
                 effect.name,
-                shape_of(&effect.terms, self.joint.kind, self.joint.q_range)
+                shape_of(effect, self.joint.kind, self.joint.q_range)
             );
             for pair in &effect.confirm_rms {
                 let _ = write!(out, ", {}", confirmation(*pair));
@@ -210,11 +211,11 @@ impl Report {
                 };
                 let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
                     Some(s) => format!(
-                        "it stands most against {} ({:.0} % of it)",
+                        "it depends most on {} ({:.0} % of it)",
                         s.variable,
                         100.0 * s.share
                     ),
-                    None => "it stands against none of q, dq, ddq, sign, time".to_owned(),
+                    None => "it depends on none of q, dq, ddq, sign, time".to_owned(),
                 };
                 format!(
                     "unexplained: {share:.1} % of the effort is neither named nor noise; {against}{beside}"
@@ -224,38 +225,32 @@ impl Report {
     }
 }
 
-/// In brackets what tells an effect from others of its name by its `terms`: its size, where it is in the `range` of the joint coordinate, how
+/// In brackets what tells an effect from others of its name: its size, where it is in the `range` of the joint coordinate, how
 /// often it comes back, and which way.
-fn shape_of(terms: &[Term], kind: JointKind, range: [f64; 2]) -> String {
+fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
     let value = |name: &str| {
-        let term = terms.iter().find(|term| term.name == name);
+        let term = effect.terms.iter().find(|term| term.name == name);
         term.and_then(|term| term.value)
     };
-    let sizes = |fitted: bool| {
-        let terms = terms
-            .iter()
-            .filter(move |t| t.unit != "1" && t.std.is_some() == fitted);
-        terms.filter_map(|term| Some((term.name.as_str(), term.value?, term.unit.as_str())))
-    };
+    let (fitted, searched) = effect.terms.split_at(effect.fitted);
+    let mut fitted = quantities(fitted, 2);
     // What is fitted says the size; else what was searched for: of a slip its length.
-    let fitted: Vec<_> = sizes(true).take(2).collect();
+    if fitted.is_empty() {
+        fitted = quantities(searched, 1);
+        // Of a play and a grasp that gives the share that the fit asks for.
+        let share = effect.terms.iter().find(|term| term.name == "share");
+        if let (Some(size), Some(share)) = (fitted.first_mut(), share.and_then(Quantity::of)) {
+            *size = size.times(&share);
+        }
+    }
     let mut said: Vec<String> = match fitted.as_slice() {
         // Two halves of one wave or of one direction.
-        [
-            ("sine" | "cosine" | "first", a, unit),
-            ("sine" | "cosine" | "second", b, _),
-        ] => {
-            vec![format!("{} {unit}", figure(a.hypot(*b)))]
+        [a, b] if ["sine", "first"].contains(&a.name) && ["cosine", "second"].contains(&b.name) => {
+            vec![a.across(b)]
         }
         some => {
-            // Of a play and a grasp that gives the share that the fit asks for.
-            let share = value("share").unwrap_or(1.0);
-            let searched = sizes(false).take(usize::from(some.is_empty()));
-            let searched = searched.map(|(name, value, unit)| (name, share * value, unit));
-            some.iter()
-                .copied()
-                .chain(searched)
-                .map(|(name, value, unit)| format!("{name} {} {unit}", figure(value)))
+            let each = some.iter();
+            each.map(|size| format!("{} {}", size.name, size.text()))
                 .collect()
         }
     };
@@ -286,6 +281,60 @@ fn shape_of(terms: &[Term], kind: JointKind, range: [f64; 2]) -> String {
         String::new()
     } else {
         format!(" ({})", said.join(", "))
+    }
+}
+
+/// The first `most` of the terms that have a unit.
+fn quantities(terms: &[Term], most: usize) -> Vec<Quantity<'_>> {
+    let with_unit = terms.iter().filter(|term| term.unit != "1");
+    with_unit.filter_map(Quantity::of).take(most).collect()
+}
+
+/// A number of an effect.
+struct Quantity<'a> {
+    name: &'a str,
+    value: f64,
+    std: Option<f64>,
+    unit: &'a str,
+}
+
+impl<'a> Quantity<'a> {
+    fn of(term: &'a Term) -> Option<Self> {
+        Some(Self {
+            name: &term.name,
+            value: term.value?,
+            std: term.std,
+            unit: &term.unit,
+        })
+    }
+
+    fn times(&self, other: &Self) -> Self {
+        let both = self.std.zip(other.std);
+        Self {
+            value: self.value * other.value,
+            std: both.map(|(a, b)| (a * other.value).hypot(b * self.value)),
+            ..*self
+        }
+    }
+
+    /// The length of a vector of two numbers that stand across.
+    fn across(&self, other: &Self) -> String {
+        let value = self.value.hypot(other.value);
+        let both = self.std.zip(other.std).filter(|_| value > 0.0);
+        let std = both.map(|(a, b)| (a * self.value).hypot(b * other.value) / value);
+        let length = Quantity {
+            value,
+            std,
+            ..*self
+        };
+        length.text()
+    }
+
+    fn text(&self) -> String {
+        match self.std {
+            Some(std) if std > 0.0 => format!("{} {}", with_std(self.value, std), self.unit),
+            _ => format!("{} {}", figure(self.value), self.unit),
+        }
     }
 }
 
@@ -328,48 +377,60 @@ fn confirmation([before, after]: [f64; 2]) -> String {
 mod tests {
     use super::*;
 
-    /// Name, value, unit; of a fitted one `std` is known.
-    fn terms(of: &[(&str, f64, &str)], fitted: usize) -> Vec<Term> {
-        let each = of.iter().enumerate().map(|(i, (name, value, unit))| Term {
+    /// An effect of these terms, of which the first `fitted` are terms of the fit.
+    fn effect(of: &[(&str, f64, Option<f64>, &str)], fitted: usize) -> EffectEntry {
+        let each = of.iter().map(|(name, value, std, unit)| Term {
             name: (*name).to_owned(),
             value: Some(*value),
-            std: (i < fitted).then_some(0.1),
+            std: *std,
             unit: (*unit).to_owned(),
         });
-        each.collect()
+        EffectEntry {
+            terms: each.collect(),
+            fitted,
+            ..EffectEntry::default()
+        }
     }
 
     #[test]
     fn an_effect_is_told_by_its_size_and_place() {
         let line =
-            |of: &[_], fitted| shape_of(&terms(of, fitted), JointKind::Prismatic, [0.0, 0.4]);
+            |of: &[_], fitted| shape_of(&effect(of, fitted), JointKind::Prismatic, [0.0, 0.4]);
         let ripple = [
-            ("sine", 3.0, "N"),
-            ("cosine", -4.0, "N"),
-            ("pitch", 0.0215, "m"),
+            ("sine", 3.0, Some(0.1), "N"),
+            ("cosine", -4.0, Some(0.2), "N"),
+            ("pitch", 0.0215, Some(0.001), "m"),
         ];
-        assert_eq!(line(&ripple, 2), " (5.000 N, every 21.5 mm)");
+        // sqrt(0.3^2 + 0.8^2) / 5
+        assert_eq!(line(&ripple, 2), " (5.00 ± 0.17 N, every 21.5 mm)");
         let detent = [
-            ("hold", 2.0, "N"),
-            ("centre", 0.2, "m"),
-            ("round", 1.0, "1"),
+            ("hold", 2.0, Some(0.1), "N"),
+            ("centre", 0.2, Some(0.001), "m"),
+            ("round", 1.0, None, "1"),
         ];
-        assert_eq!(line(&detent, 1), " (hold 2.000 N, at 200.0 mm)");
+        assert_eq!(line(&detent, 1), " (hold 2.00 ± 0.10 N, at 200.0 mm)");
         let zone = [
-            ("damping", 7.0, "N s/m"),
-            ("from", 0.35, "m"),
-            ("to", 0.7, "m"),
-            ("direction", -1.0, "1"),
+            ("damping", 7.0, Some(0.3), "N s/m"),
+            ("from", 0.35, None, "m"),
+            ("to", 0.7, None, "m"),
+            ("direction", -1.0, None, "1"),
         ];
-        let said = " (damping 7.000 N s/m, 0.350 to 0.400 m, as q falls)";
+        let said = " (damping 7.00 ± 0.30 N s/m, 0.350 to 0.400 m, as q falls)";
         assert_eq!(line(&zone, 1), said);
-        assert_eq!(line(&[("length", 0.002, "m")], 0), " (length 0.00200 m)");
-        let play = [("share", 0.9, "1"), ("gap", 0.002, "m")];
-        assert_eq!(line(&play, 1), " (gap 0.00180 m)");
+        let slip = [("length", 0.002, None, "m")];
+        assert_eq!(line(&slip, 0), " (length 0.00200 m)");
+        let play = [
+            ("share", 0.9, Some(0.0), "1"),
+            ("gap", 0.002, Some(0.0001), "m"),
+        ];
+        assert_eq!(line(&play, 1), " (gap 0.001800 ± 0.000090 m)");
         assert_eq!(line(&[], 0), "");
-        let catch = terms(&[("pull", 1.0, "N m"), ("reach", 0.1, "rad")], 1);
-        let said = shape_of(&catch, JointKind::Revolute, [0.0, 1.5]);
-        assert_eq!(said, " (pull 1.000 N m, reaching 5.73 deg)");
+        let catch = [
+            ("pull", 1.0, Some(0.1), "N m"),
+            ("reach", 0.1, Some(0.2), "rad"),
+        ];
+        let said = shape_of(&effect(&catch, 1), JointKind::Revolute, [0.0, 1.5]);
+        assert_eq!(said, " (pull 1.00 ± 0.10 N m, reaching 5.73 deg)");
     }
 
     #[test]

@@ -272,8 +272,9 @@ fn run_batch(
         settings: settings(&arguments.common),
     };
     let is_watched = std::io::stderr().is_terminal();
+    let total = batch::recordings(directory)?.len();
     let bar = if is_watched {
-        ProgressBar::new(batch::recordings(directory)?.len() as u64)
+        ProgressBar::new(total as u64)
     } else {
         ProgressBar::hidden()
     };
@@ -281,7 +282,7 @@ fn run_batch(
         bar.inc(1);
         // A log shows how far a long batch is.
         if !is_watched && !is_old {
-            eprintln!("{}", row.line());
+            eprintln!("{} of {total} done: {}", bar.position(), row.name);
         }
     })?;
     bar.finish_and_clear();
