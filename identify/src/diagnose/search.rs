@@ -352,7 +352,7 @@ impl State {
         let before = self.effects.clone();
         self.effects.push((choice.found(&self.ground), p_value));
         self.refine_all()?;
-        let mut least = self.error()?;
+        let mut least = self.error_with_signs()?;
         let sure = self.is_sure(choice.kind);
         if sure || least < EXPLAINED_BELOW * self.floor.rms || before.is_empty() {
             return Ok(());
@@ -361,7 +361,7 @@ impl State {
             let chosen = core::mem::replace(&mut self.effects, before.clone());
             self.effects.push((rival.found(&self.ground), p_value));
             self.refine_all()?;
-            let error = self.error()?;
+            let error = self.error_with_signs()?;
             if error < RIVAL_BELOW * least {
                 least = error;
             } else {
