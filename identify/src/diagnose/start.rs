@@ -48,8 +48,8 @@ pub fn diagnose_without(
         |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
     let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
     if best.is_far() && !loaded(&best) {
-        let other = shown(searched(samples, settings, barred, First::Load))?;
-        if let Some(other) = other
+        let other = shown(with_a_load(samples, settings, barred))?;
+        if let Some(Some(other)) = other
             && loaded(&other)
             && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms
         {
@@ -100,6 +100,32 @@ fn searched(
     barred: &[&'static str],
     first: First,
 ) -> Result<Diagnosis, DynamicsError> {
+    let mut state = begun(samples, settings, barred)?;
+    if first == First::Load {
+        state.begin_with_a_load()?;
+    }
+    state.to_its_end()
+}
+
+/// As [`searched`] from a load; nothing where none stands beside its dampers: that would end as a search from anything.
+fn with_a_load(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+) -> Result<Option<Diagnosis>, DynamicsError> {
+    let mut state = begun(samples, settings, barred)?;
+    state.begin_with_a_load()?;
+    if !state.effects.iter().any(|(f, _)| is_smooth_load(f.kind)) {
+        return Ok(None);
+    }
+    state.to_its_end().map(Some)
+}
+
+fn begun(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+) -> Result<State, DynamicsError> {
     // What free air shows of a lag needs no search.
     let late = samples.aside.late.filter(is_seen);
     let late = late.filter(|_| !barred.contains(&TIME_LAG.name));
@@ -112,17 +138,18 @@ fn searched(
     state
         .bank
         .retain(|candidate| !barred.contains(&candidate.kind.name));
-    if first == First::Load {
-        state.begin_with_a_load()?;
-    }
-    state.search()?;
-    state.latch()?;
-    state.search_dampers_again()?;
-    state.ask()?;
-    state.finish()
+    Ok(state)
 }
 
 impl State {
+    fn to_its_end(mut self) -> Result<Diagnosis, DynamicsError> {
+        self.search()?;
+        self.latch()?;
+        self.search_dampers_again()?;
+        self.ask()?;
+        self.finish()
+    }
+
     /// Begins with a load over the whole range, the best that passes or a spring, which must stand beside what comes after it, and with the dampers
     /// that it presses against: before they are there a notch seems to be where the damper of a closer ends. What chance gives is asked of these
     /// kinds alone.
