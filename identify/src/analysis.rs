@@ -475,7 +475,7 @@ const LEFT_BELOW: f64 = 0.97;
 const MANY: usize = 120_000;
 
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
-const ALONE_ABOVE: f64 = 1.03;
+const ALONE_ABOVE: f64 = 1.5;
 
 /// `model` as uncertain in inertia and friction as either says, and without what `full` has not.
 fn known_to_both(mut model: EffortModel, full: &EffortModel) -> EffortModel {

@@ -146,7 +146,17 @@ pub enum TableError {
         /// Rows there.
         rows: usize,
     },
-    /// Too few rows.
+    /// The effort is the same everywhere.
+    #[error("{}: column `{column}` is {value} in every row: no effort was measured; name another column with --effort", path.display())]
+    ConstantEffort {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// What stands there.
+        value: f64,
+    },
+    /// Fewer rows than a motion needs.
     #[error("{}: {rows} rows are too few, need at least {needed}", path.display())]
     TooShort {
         /// The file.
@@ -262,6 +272,14 @@ pub fn read_table(
             path: path.to_owned(),
             rows: rows.len(),
             needed: MIN_ROWS,
+        });
+    }
+    let value = rows[0][2];
+    if rows.iter().all(|row| row[2] == value) {
+        return Err(TableError::ConstantEffort {
+            path: path.to_owned(),
+            column: columns.effort.clone(),
+            value,
         });
     }
     Ok(on_a_grid(&rows, kind))

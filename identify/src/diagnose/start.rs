@@ -104,7 +104,7 @@ fn searched(
     if first == First::Load {
         state.begin_with_a_load()?;
     }
-    state.to_its_end()
+    state.complete()
 }
 
 /// As [`searched`] from a load; nothing where none stands beside its dampers: that would end as a search from anything.
@@ -118,7 +118,7 @@ fn with_a_load(
     if !state.effects.iter().any(|(f, _)| is_smooth_load(f.kind)) {
         return Ok(None);
     }
-    state.to_its_end().map(Some)
+    state.complete().map(Some)
 }
 
 fn begun(
@@ -142,7 +142,7 @@ fn begun(
 }
 
 impl State {
-    fn to_its_end(mut self) -> Result<Diagnosis, DynamicsError> {
+    fn complete(mut self) -> Result<Diagnosis, DynamicsError> {
         self.search()?;
         self.latch()?;
         self.search_dampers_again()?;

@@ -126,12 +126,31 @@ fn too_few_rows_are_refused() {
 }
 
 #[test]
+fn an_effort_that_never_changes_is_shown_with_its_column() {
+    let text = "t,q,f\n".to_owned()
+        + &(0..300)
+            .map(|i| {
+                format!(
+                    "{},{},2.5\n",
+                    0.01 * f64::from(i),
+                    (0.1 * f64::from(i)).sin()
+                )
+            })
+            .collect::<String>();
+    let error = read(&text).unwrap_err();
+    assert!(
+        matches!(&error, TableError::ConstantEffort { column, value: 2.5, .. } if column == "f"),
+        "{error}"
+    );
+}
+
+#[test]
 fn a_gap_ends_a_run_and_uneven_steps_are_interpolated() {
     let mut text = "t,q,f\n".to_owned();
     for i in 0..300 {
         let jitter = if i % 2 == 0 { 0.003 } else { 0.0 };
         let t = f64::from(i) * 0.01 + jitter + if i >= 150 { 1.0 } else { 0.0 };
-        text += &format!("{t},{},0\n", 2.0 * t);
+        text += &format!("{t},{},{t}\n", 2.0 * t);
     }
     let samples = read(&text).unwrap();
     assert_eq!(samples.runs.len(), 2);
@@ -178,7 +197,8 @@ fn to_and_fro(kind: JointKind, span: f64, per_s: f64) -> JointSamples {
     let mut text = "t,q,f\n".to_owned();
     for i in 0..2000 {
         let t = f64::from(i) * 0.01;
-        text += &format!("{},{},0\n", t * per_s, 0.5 * span * (1.6 * t).sin());
+        let q = 0.5 * span * (1.6 * t).sin();
+        text += &format!("{},{q},{q}\n", t * per_s);
     }
     read_table(table(&text).path(), &columns(), kind).unwrap()
 }
