@@ -4,8 +4,10 @@
 
 use core::f64::consts::PI;
 
+use ft_identify::analysis::analyse;
 use ft_identify::diagnose::{Diagnosis, confirm, diagnose};
 use ft_identify::motion::MotionSettings;
+use ft_identify::report::{Input, Joint, Report};
 use ft_identify::samples::JointSamples;
 use ft_identify::screw::JointKind;
 use rand::SeedableRng;
@@ -310,6 +312,45 @@ fn a_model_that_lacks_nothing_is_left_as_it_is() {
         named.len()
     );
     assert!(named.len() <= 1, "{named:?}");
+}
+
+/// How strong a magnet is depends on how far it reaches, and neither is known without the other.
+#[test]
+fn size_and_shape_of_an_effect_are_as_uncertain_as_they_are_stated() {
+    const PULL: f64 = 5.0;
+    const REACH: f64 = 0.02;
+    let (mut squares, mut given) = ([0.0; 2], 0);
+    for seed in 0..16 {
+        let drawer = Drawer::with(|_, q, _, _| PULL * (-q / REACH).exp());
+        let samples = drawer.record(30.0, 900 + seed);
+        let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+        let report = Report::new(
+            Input::default(),
+            Joint::of_table(samples.kind, analysis.q_range),
+        );
+        let effects = report.with_dynamics(&analysis).effects;
+        let magnet = &effects.iter().find(|e| e.name == "catch").unwrap().terms;
+        let term = |name| magnet.iter().find(|term| term.name == name).unwrap();
+        if term("inverse_square").value == Some(1.0) {
+            continue;
+        }
+        given += 1;
+        let closed = term("closed").value.unwrap();
+        for (square, (name, truth)) in squares
+            .iter_mut()
+            .zip([("pull", PULL * (-closed / REACH).exp()), ("reach", REACH)])
+        {
+            let (value, std) = (term(name).value.unwrap(), term(name).std.unwrap());
+            println!("seed {seed}: {name} {value:.4} +- {std:.4}, simulated {truth:.4}");
+            *square += ((value - truth) / std).powi(2);
+        }
+    }
+    assert!(given >= 12, "{given} of 16 have this form");
+    for square in squares {
+        let off = (square / f64::from(given)).sqrt();
+        println!("off by {off:.2} standard deviations, rms");
+        assert!((0.6..1.5).contains(&off), "{off}");
+    }
 }
 
 #[test]

@@ -406,6 +406,11 @@ fn holes_split_the_motion_and_are_counted() {
         .retain(|s| !(s.at > synthetic::at(31.0) && s.at < synthetic::at(31.1)));
     let found = identify(&recording).unwrap();
     assert_eq!(found.report.input.gaps, 2);
+    // The longest one, to the samples about it.
+    let longest = found.report.input.longest_gap_s.unwrap();
+    for (at, cut) in longest.iter().zip([20.0, 20.4]) {
+        assert!((at - cut).abs() < 0.02, "{longest:?}");
+    }
     assert!(
         found
             .report

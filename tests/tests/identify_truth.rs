@@ -208,6 +208,8 @@ fn what_stands_beside_the_dampers_of_a_closer_is_named() {
         (8_900_008, "grasp_compliance"),
         // It looks like a late wrench at first.
         (15_100_214, "grasp_compliance"),
+        // A friction that falls with speed leaves less, of the wrong sign.
+        (305_100_029, "quadratic_drag"),
     ];
     for (seed, name) in draws {
         let pair = Pair::of(seed);
