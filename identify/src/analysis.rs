@@ -421,7 +421,8 @@ fn with_mechanism(
     if let Some(alone) = alone.filter(|alone| ALONE_ABOVE * alone.held_out_rms < model.held_out_rms)
     {
         // A mechanism that takes up what a named effect is: the effects alone foretell. What the full model does not know stays unknown.
-        (model, jointly, left) = (known_to_both(alone, &model), None, false);
+        let alone = known_to_all(alone, [&model, &diagnosis.model]);
+        (model, jointly, left) = (alone, None, false);
     } else if !left {
         keep_lines_named(&mut model, diagnosis);
     }
@@ -477,10 +478,14 @@ const MANY: usize = 120_000;
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
 const ALONE_ABOVE: f64 = 1.5;
 
-/// `model` as uncertain in inertia and friction as either says, and without what `full` has not.
-fn known_to_both(mut model: EffortModel, full: &EffortModel) -> EffortModel {
+/// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
+fn known_to_all(mut model: EffortModel, others: [&EffortModel; 2]) -> EffortModel {
+    let [full, _] = others;
     for (j, (term, other)) in model.terms.iter_mut().zip(&full.terms).take(3).enumerate() {
-        let widest = model.covariance[(j, j)].max(full.covariance[(j, j)]);
+        let variances = others.map(|other| other.covariance[(j, j)]);
+        let widest = variances
+            .into_iter()
+            .fold(model.covariance[(j, j)], f64::max);
         model.covariance[(j, j)] = widest;
         term.std = term.std.map(|_| widest.max(0.0).sqrt());
         if other.value.is_none() {

@@ -1,5 +1,7 @@
 //! How much more it takes to leave rest than to slide: read off the effort while the joint rests, which no fit of the motion sees.
 
+use nalgebra::DMatrix;
+
 use super::confirm::{Confirmation, shown};
 use super::gates::GIVES;
 use super::model::Found;
@@ -274,7 +276,7 @@ pub(crate) fn add_stiction(
         held_out_rms,
         p_value: 0.0,
         ambiguous_with: Vec::new(),
-        shape_std: Vec::new(),
+        spread: DMatrix::zeros(0, 0),
     });
     Ok(())
 }

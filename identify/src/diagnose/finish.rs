@@ -1,6 +1,6 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
-use nalgebra::{Cholesky, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
 use super::gates::{GIVES, LEAST_SIZE};
@@ -86,7 +86,7 @@ impl State {
                 held_out_rms: [without, with],
                 p_value,
                 ambiguous_with,
-                shape_std: Vec::new(),
+                spread: DMatrix::zeros(0, 0),
             });
         }
         effects.reverse();
@@ -125,7 +125,7 @@ impl State {
                 held_out_rms,
                 p_value,
                 ambiguous_with: Vec::new(),
-                shape_std: Vec::new(),
+                spread: DMatrix::zeros(0, 0),
             };
             // A grasp that gives moves tool and object apart in time as well.
             let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
@@ -155,7 +155,7 @@ impl State {
                 held_out_rms: [before.held_out_rms, model.held_out_rms],
                 p_value: 0.0,
                 ambiguous_with: Vec::new(),
-                shape_std: Vec::new(),
+                spread: DMatrix::zeros(0, 0),
             });
         }
         if let Some(slip) = self.slip(&ordered, model.held_out_rms)? {
@@ -284,7 +284,7 @@ impl State {
             held_out_rms: [before, after],
             p_value: 0.0,
             ambiguous_with: Vec::new(),
-            shape_std: Vec::new(),
+            spread: DMatrix::zeros(0, 0),
         };
         Ok((moved > LEAST_SIZE * self.floor.rms).then_some(effect))
     }

@@ -1,5 +1,7 @@
 //! The loop.
 
+use nalgebra::DMatrix;
+
 use super::gates::limit;
 use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
@@ -37,8 +39,8 @@ pub struct NamedEffect {
     pub p_value: f64,
     /// What fits nearly as well.
     pub ambiguous_with: Vec<Ambiguity>,
-    /// Standard deviations of the shape parameters, as far as they are stated; empty before that.
-    pub shape_std: Vec<Option<f64>>,
+    /// Covariance of its terms and then of its shape parameters, zero for those that are a choice; empty where it is not known.
+    pub spread: DMatrix<f64>,
 }
 
 /// A candidate that improved the fit and was turned down.

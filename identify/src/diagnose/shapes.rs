@@ -68,7 +68,7 @@ impl Free {
         there.clamp(self.limits[0], self.limits[1])
     }
 
-    /// Half of what the limits leave, in steps of one.
+    /// Half of what the limits of a search from here leave, in steps of one.
     pub(super) fn reach(&self) -> f64 {
         let [low, high] = self.limits;
         0.5 * if self.by_factor {
@@ -81,6 +81,15 @@ impl Free {
     /// What a step of one changes at `at`.
     pub(super) fn per_step(&self, at: f64) -> f64 {
         if self.by_factor { at } else { self.unit }
+    }
+
+    /// The step from `at` to `moved`.
+    fn step_to(&self, at: f64, moved: f64) -> f64 {
+        if self.by_factor {
+            (moved / at).ln()
+        } else {
+            (moved - at) / self.unit
+        }
     }
 
     /// A step that changes the regressors little.
@@ -286,12 +295,11 @@ pub(super) fn moves(
     let each = in_parallel(free, |parameter| {
         let mut found = effects[parameter.effect].clone();
         let at = found.shape[parameter.shape];
-        let mut step = parameter.small();
-        let mut moved = parameter.moved(at, step);
+        let mut moved = parameter.moved(at, parameter.small());
         if moved == at {
-            step = -step;
-            moved = parameter.moved(at, step);
+            moved = parameter.moved(at, -parameter.small());
         }
+        let step = parameter.step_to(at, moved);
         found.shape[parameter.shape] = moved;
         let mut out = vec![0.0; motion.kept.len()];
         let here = &columns[parameter.effect];

@@ -11,7 +11,7 @@ use super::shapes::{Free, free_of, moves};
 use crate::dynamics::{DynamicsError, EffortModel, covariance_of_columns};
 use crate::effect::library::Scope;
 use crate::effect::{Effect, RigidBody};
-use crate::motion::Motion;
+use crate::motion::{Motion, MotionError};
 
 /// States the uncertainty of the diagnosis' model and of its effects' shapes, with each allowed for in that of the others.
 ///
@@ -19,10 +19,7 @@ use crate::motion::Motion;
 /// When an effect has no regressor on the motion.
 pub(crate) fn state_spread(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let found = diagnosis.found();
-    if found.is_empty() {
-        return Ok(());
-    }
-    let scope = Scope::of(&diagnosis.motion, found[0].rigid);
+    let scope = Scope::of(&diagnosis.motion, [0.0; 3]);
     let free = free_of(&scope, &found);
     let Some(spread) = spread(&diagnosis.motion, &found, &diagnosis.model, &free)? else {
         return Ok(());
@@ -34,13 +31,23 @@ pub(crate) fn state_spread(diagnosis: &mut Diagnosis) -> Result<(), DynamicsErro
     }
     model.covariance = spread.view((0, 0), (params, params)).into_owned();
     let regressed = diagnosis.effects.iter_mut();
-    let mut regressed: Vec<_> = regressed.filter(|e| !e.found.taken_out()).collect();
-    for (k, parameter) in free.iter().enumerate() {
-        let effect = &mut regressed[parameter.effect];
-        let unit = parameter.per_step(effect.found.shape[parameter.shape]);
-        effect.shape_std.resize(effect.found.shape.len(), None);
-        let std = spread[(params + k, params + k)].max(0.0).sqrt();
-        effect.shape_std[parameter.shape] = Some(std.min(parameter.reach()) * unit.abs());
+    let regressed = regressed.filter(|effect| !effect.found.taken_out());
+    let mut at = 3;
+    for (k, effect) in regressed.enumerate() {
+        let found = &effect.found;
+        let terms = (at..at + found.terms().count()).map(|j| Some((j, 1.0)));
+        at += terms.len();
+        // Where a shape stands in the covariance, and what its steps are.
+        let shapes = found.shape.iter().enumerate().map(|(shape, value)| {
+            let is_it = |free: &Free| (free.effect, free.shape) == (k, shape);
+            let place = free.iter().position(is_it)?;
+            Some((params + place, free[place].per_step(*value)))
+        });
+        let places: Vec<Option<(usize, f64)>> = terms.chain(shapes).collect();
+        effect.spread = DMatrix::from_fn(places.len(), places.len(), |i, j| {
+            let both = places[i].zip(places[j]);
+            both.map_or(0.0, |((i, a), (j, b))| spread[(i, j)] * a * b)
+        });
     }
     Ok(())
 }
@@ -52,29 +59,26 @@ fn spread(
     model: &EffortModel,
     free: &[Free],
 ) -> Result<Option<DMatrix<f64>>, DynamicsError> {
-    let mut columns: Vec<Vec<f64>> = RigidBody
-        .columns(motion)?
-        .into_iter()
-        .map(|column| column.values)
-        .collect();
-    let mut own: Vec<Columns> = Vec::new();
-    for found in found {
-        let values = Effect::columns(found, motion)?
-            .into_iter()
-            .map(|c| c.values);
-        own.push(Arc::new(values.collect()));
-    }
-    columns.extend(own.iter().flat_map(|own| own.iter().cloned()));
-    let theta = &model.theta.as_slice()[3..];
-    columns.extend(moves(motion, found, &own, theta, free)?);
+    let columns_of = |effect: &dyn Effect| -> Result<Columns, MotionError> {
+        let columns = effect.columns(motion)?.into_iter();
+        Ok(Arc::new(columns.map(|column| column.values).collect()))
+    };
+    let own: Vec<Columns> = found
+        .iter()
+        .map(|found| columns_of(found))
+        .collect::<Result<_, _>>()?;
+    let rigid = columns_of(&RigidBody)?;
+    let theta = &model.theta.as_slice()[rigid.len()..];
+    let shaped = moves(motion, found, &own, theta, free)?;
+    let linear = core::iter::once(&rigid).chain(&own);
+    let mut columns: Vec<Vec<f64>> = linear.flat_map(|own| own.iter().cloned()).collect();
+    columns.extend(shaped);
     let params = model.theta.len();
     let variance = model.rms.powi(2) * model.residual.len() as f64 / model.effective_samples;
-    // A shape is somewhere within the limits of its search, whatever the data say.
-    let reaches = free.iter().map(|free| variance / free.reach().powi(2));
-    let known: Vec<f64> = core::iter::repeat_n(0.0, params).chain(reaches).collect();
+    let within = |j: usize| Some(free[j.checked_sub(params)?].reach());
     let at_bound = |j: usize| j < params && model.theta[j] == 0.0;
-    let residual = &model.residual;
+    let residual = (model.residual.as_slice(), variance);
     Ok(covariance_of_columns(
-        motion, &columns, &known, residual, at_bound,
+        motion, &columns, residual, within, at_bound,
     ))
 }

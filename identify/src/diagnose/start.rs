@@ -2,7 +2,7 @@
 
 use super::confirm::shown;
 use super::dampers::is_damper;
-use super::model::{Candidate, is_known, is_smooth_load};
+use super::model::{Candidate, Found, is_known, is_smooth_load};
 use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
 use crate::dynamics::DynamicsError;
 use crate::effect::load::{CATCH, DETENT, SPRING};
@@ -44,12 +44,10 @@ pub fn diagnose_without(
 ) -> Result<Diagnosis, DynamicsError> {
     let mut first = First::Any;
     let mut best = searched(samples, settings, barred, first)?;
-    let is_smooth =
-        |effect: &NamedEffect| is_smooth_load(effect.found.kind) && !is_known(&effect.found);
-    let loaded = |found: &Diagnosis| found.effects.iter().any(is_smooth);
+    let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
     if best.is_far() && !loaded(&best) {
-        let other = shown(with_a_load(samples, settings, barred))?;
-        if let Some(Some(other)) = other
+        let other = shown(with_a_load(samples, settings, barred))?.flatten();
+        if let Some(other) = other
             && loaded(&other)
             && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms
         {
@@ -107,7 +105,8 @@ fn searched(
     state.complete()
 }
 
-/// As [`searched`] from a load; nothing where none stands beside its dampers: that would end as a search from anything.
+/// As [`searched`] from a load; nothing where none stands beside its dampers: what is then left are those dampers, and a search from anything has
+/// been through such a state or a better one.
 fn with_a_load(
     samples: &JointSamples,
     settings: &MotionSettings,
@@ -115,10 +114,15 @@ fn with_a_load(
 ) -> Result<Option<Diagnosis>, DynamicsError> {
     let mut state = begun(samples, settings, barred)?;
     state.begin_with_a_load()?;
-    if !state.effects.iter().any(|(f, _)| is_smooth_load(f.kind)) {
+    if !state.effects.iter().any(|(found, _)| is_a_load(found)) {
         return Ok(None);
     }
     state.complete().map(Some)
+}
+
+/// Whether it is a load over the whole range that the effort showed.
+fn is_a_load(found: &Found) -> bool {
+    is_smooth_load(found.kind) && !is_known(found)
 }
 
 fn begun(

@@ -158,31 +158,37 @@ impl<'a> LeftOut<'a> {
     }
 }
 
-/// Covariance of the parameters of filtered `columns` by what each stretch of the motion moves them, where `residual` is left; `known` = what else
-/// is known of each, as one over a variance times that of the residual. Zero for those that are `fixed`, nothing where no two stretches say enough.
+/// Covariance of the parameters of filtered `columns` by what each stretch of the motion moves them, where `residual` is left, whose square is worth
+/// `variance` per sample; `within` = how far from where they are, one standard deviation, parameters may be whatever the data say.
+/// Zero for those that are `fixed`, nothing where no two stretches say enough.
 pub(crate) fn covariance_of_columns(
     motion: &Motion,
     columns: &[Vec<f64>],
-    known: &[f64],
-    residual: &[f64],
+    (residual, variance): (&[f64], f64),
+    within: impl Fn(usize) -> Option<f64>,
     fixed: impl Fn(usize) -> bool,
 ) -> Option<DMatrix<f64>> {
     let free: Vec<usize> = (0..columns.len()).filter(|&j| !fixed(j)).collect();
-    let norm = |j: &usize| (dot(&columns[*j], &columns[*j]) + known[*j]).sqrt();
-    let scale: Vec<f64> = free.iter().map(norm).collect();
+    let known: Vec<f64> = free
+        .iter()
+        .map(|&j| within(j).map_or(0.0, |within| variance / within.powi(2)))
+        .collect();
+    let size = |(j, known): (&usize, &f64)| (dot(&columns[*j], &columns[*j]) + known).sqrt();
+    let scale: Vec<f64> = free.iter().zip(&known).map(size).collect();
     let z = DMatrix::from_fn(residual.len(), free.len(), |i, j| {
         columns[free[j]][i] / scale[j]
     });
-    let mut h = gram(&z);
-    for (j, scale) in scale.iter().enumerate() {
-        h[(j, j)] += known[free[j]] / scale.powi(2);
-    }
+    let known = known.iter().zip(&scale).map(|(k, scale)| k / scale.powi(2));
+    let known = DMatrix::from_diagonal(&DVector::from_iterator(free.len(), known));
+    let h = gram(&z) + &known;
+    let inverse = h.clone().cholesky()?.inverse();
     let mut left_out = LeftOut::new(&h, free.len());
     for block in blocks(motion) {
         left_out.add(&z.rows_range(block.clone()).into_owned(), &residual[block]);
         left_out.leave_out();
     }
-    let inner = left_out.covariance();
+    // What was known before is as uncertain as it says; no stretch of the motion moves it.
+    let inner = left_out.covariance() + &inverse * known * &inverse * variance;
     let mut out = DMatrix::zeros(columns.len(), columns.len());
     for (i, &row) in free.iter().enumerate() {
         for (j, &column) in free.iter().enumerate() {
@@ -376,5 +382,48 @@ mod tests {
             let found = 1.96 * student_over_normal(freedom);
             assert!((found / table - 1.0).abs() < 0.035, "{freedom}: {found}");
         }
+    }
+
+    #[test]
+    fn what_the_data_do_not_say_is_as_uncertain_as_it_was() {
+        use crate::motion::MotionSettings;
+        use crate::samples::JointSamples;
+        use crate::screw::JointKind;
+        const RATE: f64 = 250.0;
+        let n = 50_000;
+        let time: Vec<f64> = (0..n).map(|i| f64::from(i) / RATE).collect();
+        let samples = JointSamples {
+            kind: JointKind::Prismatic,
+            period: 1.0 / RATE,
+            runs: vec![0..time.len()],
+            q: time.iter().map(|t| 0.2 * (2.0 * t).sin()).collect(),
+            tau: time.iter().map(|t| t.sin()).collect(),
+            time,
+            noise_of_q: Vec::new(),
+            aside: crate::samples::Aside::default(),
+        };
+        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut normal = || -> Vec<f64> {
+            motion
+                .kept
+                .iter()
+                .map(|_| StandardNormal.sample(&mut rng))
+                .collect()
+        };
+        let (seen, residual) = (normal(), normal());
+        let size = dot(&seen, &seen).sqrt();
+        let faint: Vec<f64> = seen.iter().map(|v| 1e-6 * v).rev().collect();
+        let nothing = vec![0.0; seen.len()];
+        let columns = [seen, nothing, faint, normal()];
+        let within = |j: usize| (j == 1 || j == 2).then_some(0.3);
+        let found = covariance_of_columns(&motion, &columns, (&residual, 1.0), within, |j| j == 3);
+        let found = found.unwrap();
+        let std = |j: usize| found[(j, j)].sqrt();
+        assert!((0.8..1.25).contains(&(std(0) * size)), "{}", std(0) * size);
+        for j in [1, 2] {
+            assert!((0.295..0.305).contains(&std(j)), "{}", std(j));
+        }
+        assert_eq!(std(3), 0.0);
     }
 }

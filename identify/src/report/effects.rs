@@ -1,5 +1,6 @@
 //! The named and the refused effects as the report and the twin write them.
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::Analysis;
@@ -18,6 +19,9 @@ pub struct EffectEntry {
     /// How many of them are terms: they come first.
     #[serde(skip)]
     pub fitted: usize,
+    /// Their covariance, or nothing where it is not known.
+    #[serde(skip)]
+    pub spread: DMatrix<f64>,
     /// Error on held-out strokes before and after, N m or N.
     pub held_out_rms: [f64; 2],
     /// The same over the effort.
@@ -34,6 +38,19 @@ pub struct EffectEntry {
     pub belongs_to: &'static str,
     /// Residual against the effect's variable, without it and with it.
     pub evidence: Option<Evidence>,
+}
+
+impl EffectEntry {
+    /// Standard deviation of what changes by so much per unit of each of these numbers.
+    pub(super) fn std_of(&self, slopes: &[(usize, f64)]) -> Option<f64> {
+        let mut variance = 0.0;
+        for (i, a) in slopes {
+            for (j, b) in slopes {
+                variance += a * b * self.spread.get((*i, *j))?;
+            }
+        }
+        Some(variance.max(0.0).sqrt())
+    }
 }
 
 /// A candidate that improved the fit and was turned down.
@@ -122,6 +139,7 @@ fn entry(
         name: effect.found.kind.name,
         terms,
         fitted: effect.found.terms().count(),
+        spread: effect.spread.clone(),
         held_out_rms: effect.held_out_rms,
         relative: effect
             .held_out_rms
@@ -171,8 +189,11 @@ fn terms_of(
         *at += 1;
     }
     let all_used = found.used.iter().all(|used| *used);
-    let shapes = found.kind.shape.iter().zip(&found.shape).enumerate();
-    for (k, (shape, value)) in shapes {
+    let variance = |k: usize| effect.spread.get((out.len() + k, out.len() + k)).copied();
+    let stds: Vec<Option<f64>> = (0..found.shape.len())
+        .map(|k| variance(k).filter(|v| *v > 0.0).map(f64::sqrt))
+        .collect();
+    for ((shape, value), std) in found.kind.shape.iter().zip(&found.shape).zip(stds) {
         // A relief that no term asks for, an instant at which nothing happens.
         let relief = !all_used && shape.2 == Search::Below;
         if relief || shape.1 == Unit::Time && *value < 0.0 {
@@ -181,7 +202,7 @@ fn terms_of(
         out.push(Term {
             name: shape.0.to_owned(),
             value: Some(*value),
-            std: effect.shape_std.get(k).copied().flatten(),
+            std,
             unit: shape.1.text(joint),
         });
     }

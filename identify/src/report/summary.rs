@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 use super::Report;
 use super::effects::EffectEntry;
 use crate::analysis::Verdict;
-use crate::dynamics::Term;
 use crate::screw::JointKind;
 
 impl Report {
@@ -232,28 +231,7 @@ fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
         let term = effect.terms.iter().find(|term| term.name == name);
         term.and_then(|term| term.value)
     };
-    let (fitted, searched) = effect.terms.split_at(effect.fitted);
-    let mut fitted = quantities(fitted, 2);
-    // What is fitted says the size; else what was searched for: of a slip its length.
-    if fitted.is_empty() {
-        fitted = quantities(searched, 1);
-        // Of a play and a grasp that gives the share that the fit asks for.
-        let share = effect.terms.iter().find(|term| term.name == "share");
-        if let (Some(size), Some(share)) = (fitted.first_mut(), share.and_then(Quantity::of)) {
-            *size = size.times(&share);
-        }
-    }
-    let mut said: Vec<String> = match fitted.as_slice() {
-        // Two halves of one wave or of one direction.
-        [a, b] if ["sine", "first"].contains(&a.name) && ["cosine", "second"].contains(&b.name) => {
-            vec![a.across(b)]
-        }
-        some => {
-            let each = some.iter();
-            each.map(|size| format!("{} {}", size.name, size.text()))
-                .collect()
-        }
-    };
+    let mut said = sizes_of(effect);
     if let (Some(from), Some(to)) = (value("from"), value("to")) {
         let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(range[0], range[1]));
         said.push(match kind {
@@ -284,57 +262,49 @@ fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
     }
 }
 
-/// The first `most` of the terms that have a unit.
-fn quantities(terms: &[Term], most: usize) -> Vec<Quantity<'_>> {
-    let with_unit = terms.iter().filter(|term| term.unit != "1");
-    with_unit.filter_map(Quantity::of).take(most).collect()
-}
-
-/// A number of an effect.
-struct Quantity<'a> {
-    name: &'a str,
-    value: f64,
-    std: Option<f64>,
-    unit: &'a str,
-}
-
-impl<'a> Quantity<'a> {
-    fn of(term: &'a Term) -> Option<Self> {
-        Some(Self {
-            name: &term.name,
-            value: term.value?,
-            std: term.std,
-            unit: &term.unit,
-        })
-    }
-
-    fn times(&self, other: &Self) -> Self {
-        let both = self.std.zip(other.std);
-        Self {
-            value: self.value * other.value,
-            std: both.map(|(a, b)| (a * other.value).hypot(b * self.value)),
-            ..*self
+/// The sizes of an effect: what is fitted; of what has no such size that was searched for, of a slip its length.
+fn sizes_of(effect: &EffectEntry) -> Vec<String> {
+    let terms = &effect.terms;
+    let name = |i: usize| terms[i].name.as_str();
+    let with_unit = |i: &usize| terms[*i].unit != "1" && terms[*i].value.is_some();
+    let fitted: Vec<usize> = (0..effect.fitted).filter(with_unit).take(2).collect();
+    let value = |i: usize| terms[i].value.unwrap_or(f64::NAN);
+    let size = |value: f64, std: Option<f64>, unit: &str| match std {
+        Some(std) if std > 0.0 => format!("{} {unit}", with_std(value, std)),
+        _ => format!("{} {unit}", figure(value)),
+    };
+    match *fitted.as_slice() {
+        // Two halves of one wave or of one direction.
+        [a, b]
+            if ["sine", "first"].contains(&name(a)) && ["cosine", "second"].contains(&name(b)) =>
+        {
+            let length = value(a).hypot(value(b));
+            let std = effect.std_of(&[(a, value(a) / length), (b, value(b) / length)]);
+            vec![size(length, std, &terms[a].unit)]
         }
-    }
-
-    /// The length of a vector of two numbers that stand across.
-    fn across(&self, other: &Self) -> String {
-        let value = self.value.hypot(other.value);
-        let both = self.std.zip(other.std).filter(|_| value > 0.0);
-        let std = both.map(|(a, b)| (a * self.value).hypot(b * other.value) / value);
-        let length = Quantity {
-            value,
-            std,
-            ..*self
-        };
-        length.text()
-    }
-
-    fn text(&self) -> String {
-        match self.std {
-            Some(std) if std > 0.0 => format!("{} {}", with_std(self.value, std), self.unit),
-            _ => format!("{} {}", figure(self.value), self.unit),
+        [] => {
+            // Of a play and a grasp that gives the share that the fit asks for.
+            let share = (0..effect.fitted).find(|i| name(*i) == "share");
+            let searched = (effect.fitted..terms.len()).find(with_unit);
+            let said = searched.map(|i| {
+                let (own, std, share) = match share {
+                    Some(of) => {
+                        let slopes = [(i, value(of)), (of, value(i))];
+                        (value(i), effect.std_of(&slopes), value(of))
+                    }
+                    None => (value(i), terms[i].std, 1.0),
+                };
+                format!("{} {}", name(i), size(share * own, std, &terms[i].unit))
+            });
+            said.into_iter().collect()
         }
+        _ => fitted
+            .iter()
+            .map(|&i| {
+                let text = size(value(i), terms[i].std, &terms[i].unit);
+                format!("{} {text}", name(i))
+            })
+            .collect(),
     }
 }
 
@@ -342,7 +312,7 @@ impl<'a> Quantity<'a> {
 #[must_use]
 pub fn with_std(value: f64, std: f64) -> String {
     let digits = if std > 0.0 {
-        (1.0 - std.log10().floor()).clamp(0.0, 6.0) as usize
+        (1.0 - std.log10().floor()).clamp(0.0, 9.0) as usize
     } else {
         3
     };
@@ -376,8 +346,10 @@ fn confirmation([before, after]: [f64; 2]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dynamics::Term;
+    use nalgebra::{DMatrix, DVector};
 
-    /// An effect of these terms, of which the first `fitted` are terms of the fit.
+    /// An effect of these terms, of which the first `fitted` are terms of the fit; they are uncertain each by itself.
     fn effect(of: &[(&str, f64, Option<f64>, &str)], fitted: usize) -> EffectEntry {
         let each = of.iter().map(|(name, value, std, unit)| Term {
             name: (*name).to_owned(),
@@ -385,11 +357,28 @@ mod tests {
             std: *std,
             unit: (*unit).to_owned(),
         });
+        let variances = of.iter().map(|(_, _, std, _)| std.unwrap_or(0.0).powi(2));
         EffectEntry {
             terms: each.collect(),
             fitted,
+            spread: DMatrix::from_diagonal(&DVector::from_iterator(of.len(), variances)),
             ..EffectEntry::default()
         }
+    }
+
+    #[test]
+    fn a_size_is_as_uncertain_as_its_parts_together() {
+        let play = [
+            ("share", 0.5, Some(0.1), "1"),
+            ("gap", 0.02, Some(0.004), "m"),
+        ];
+        let mut play = effect(&play, 1);
+        let line = |play: &EffectEntry| shape_of(play, JointKind::Prismatic, [0.0, 0.4]);
+        assert_eq!(line(&play), " (gap 0.0100 ± 0.0028 m)");
+        // The larger the one the smaller the other: their product is known.
+        play.spread[(0, 1)] = -0.1 * 0.004 * 0.99;
+        play.spread[(1, 0)] = play.spread[(0, 1)];
+        assert_eq!(line(&play), " (gap 0.01000 ± 0.00028 m)");
     }
 
     #[test]

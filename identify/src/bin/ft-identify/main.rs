@@ -7,6 +7,7 @@ mod use_twin;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -278,11 +279,18 @@ fn run_batch(
     } else {
         ProgressBar::hidden()
     };
+    let done = AtomicUsize::new(0);
     let rows = batch::run(directory, output, &options, &|row, is_old| {
         bar.inc(1);
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         // A log shows how far a long batch is.
         if !is_watched && !is_old {
-            eprintln!("{} of {total} done: {}", bar.position(), row.name);
+            let failed = if row.outcome == batch::Outcome::Failed {
+                ", failed"
+            } else {
+                ""
+            };
+            eprintln!("{done} of {}: {}{failed}", total.max(done), row.name);
         }
     })?;
     bar.finish_and_clear();
