@@ -351,3 +351,22 @@ fn few_slow_strokes_are_smoothed_as_far_as_they_need() {
         assert!(report.notes.iter().any(|note| note.contains("smoothed to")));
     }
 }
+
+/// How strong the drawer's magnet is at the closed end depends on where that is, which a tracker that wanders tells to a millimetre or two.
+#[test]
+fn the_pull_of_a_magnet_is_as_uncertain_as_it_is_stated() {
+    for seed in [1, 3, 5, 8] {
+        let effects = report_of("drawer_light", seed, None).effects;
+        let magnet = effects
+            .iter()
+            .find(|effect| effect.name == "catch")
+            .unwrap();
+        for (name, simulated) in [("pull", 6.0), ("reach", 0.02)] {
+            let term = magnet.terms.iter().find(|term| term.name == name).unwrap();
+            let (value, std) = (term.value.unwrap(), term.std.unwrap());
+            println!("simulated {simulated}, found {value:.4} +- {std:.4}: {name}, seed {seed}");
+            assert!((value - simulated).abs() < 3.0 * std, "{name}, seed {seed}");
+            assert!(std < value, "{name}, seed {seed}: {std}");
+        }
+    }
+}

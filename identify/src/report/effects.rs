@@ -178,22 +178,20 @@ fn terms_of(
 ) -> Vec<Term> {
     let found = &effect.found;
     let mut out = Vec::new();
-    for term in found.terms() {
+    let variance = |k: usize| effect.spread.get((k, k)).copied();
+    for (k, term) in found.terms().enumerate() {
+        let by_model = model.covariance.get((*at, *at)).copied();
         out.push(Term {
             name: term.0.to_owned(),
             value: model.theta.get(*at).copied(),
-            std: (*at < model.covariance.nrows())
-                .then(|| model.covariance[(*at, *at)].max(0.0).sqrt()),
+            std: variance(k).or(by_model).map(|v| v.max(0.0).sqrt()),
             unit: term.1.text(joint),
         });
         *at += 1;
     }
     let all_used = found.used.iter().all(|used| *used);
-    let variance = |k: usize| effect.spread.get((out.len() + k, out.len() + k)).copied();
-    let stds: Vec<Option<f64>> = (0..found.shape.len())
-        .map(|k| variance(k).filter(|v| *v > 0.0).map(f64::sqrt))
-        .collect();
-    for ((shape, value), std) in found.kind.shape.iter().zip(&found.shape).zip(stds) {
+    let shapes = found.kind.shape.iter().zip(&found.shape);
+    for (k, (shape, value)) in (out.len()..).zip(shapes) {
         // A relief that no term asks for, an instant at which nothing happens.
         let relief = !all_used && shape.2 == Search::Below;
         if relief || shape.1 == Unit::Time && *value < 0.0 {
@@ -202,7 +200,7 @@ fn terms_of(
         out.push(Term {
             name: shape.0.to_owned(),
             value: Some(*value),
-            std,
+            std: variance(k).filter(|v| *v > 0.0).map(f64::sqrt),
             unit: shape.1.text(joint),
         });
     }

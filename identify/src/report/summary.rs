@@ -243,12 +243,20 @@ fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
     }
     // Of a notch or friction at a place, a magnet, and a wave.
     for (name, word) in [("centre", "at"), ("reach", "reaching"), ("pitch", "every")] {
-        if let Some(length) = value(name) {
-            said.push(match kind {
-                JointKind::Revolute => format!("{word} {:.2} deg", length.to_degrees()),
-                JointKind::Prismatic => format!("{word} {:.1} mm", length * 1e3),
-            });
-        }
+        let term = effect.terms.iter().find(|term| term.name == name);
+        let Some((length, std)) = term.and_then(|term| Some((term.value?, term.std))) else {
+            continue;
+        };
+        let (per_unit, unit, digits) = match kind {
+            JointKind::Revolute => (1_f64.to_degrees(), "deg", 2),
+            JointKind::Prismatic => (1e3, "mm", 1),
+        };
+        let length = per_unit * length;
+        let said_as = match std.filter(|std| *std > 0.0) {
+            Some(std) => with_std(length, per_unit * std),
+            None => format!("{length:.digits$}"),
+        };
+        said.push(format!("{word} {said_as} {unit}"));
     }
     match value("direction") {
         Some(way) if way > 0.0 => said.push("as q grows".to_owned()),
@@ -401,13 +409,13 @@ mod tests {
             ("pitch", 0.0215, Some(0.001), "m"),
         ];
         // sqrt(0.3^2 + 0.8^2) / 5
-        assert_eq!(line(&ripple, 2), " (5.00 ± 0.17 N, every 21.5 mm)");
+        assert_eq!(line(&ripple, 2), " (5.00 ± 0.17 N, every 21.5 ± 1.0 mm)");
         let detent = [
             ("hold", 2.0, Some(0.1), "N"),
             ("centre", 0.2, Some(0.001), "m"),
             ("round", 1.0, None, "1"),
         ];
-        assert_eq!(line(&detent, 1), " (hold 2.00 ± 0.10 N, at 200.0 mm)");
+        assert_eq!(line(&detent, 1), " (hold 2.00 ± 0.10 N, at 200.0 ± 1.0 mm)");
         let zone = [
             ("damping", 7.0, Some(0.3), "N s/m"),
             ("from", 0.35, None, "m"),
@@ -426,10 +434,10 @@ mod tests {
         assert_eq!(line(&[], 0), "");
         let catch = [
             ("pull", 1.0, Some(0.1), "N m"),
-            ("reach", 0.1, Some(0.2), "rad"),
+            ("reach", 0.1, Some(0.02), "rad"),
         ];
         let said = shape_of(&effect(&catch, 1), JointKind::Revolute, [0.0, 1.5]);
-        assert_eq!(said, " (pull 1.00 ± 0.10 N m, reaching 5.73 deg)");
+        assert_eq!(said, " (pull 1.00 ± 0.10 N m, reaching 5.7 ± 1.1 deg)");
     }
 
     #[test]
