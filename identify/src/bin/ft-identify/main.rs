@@ -302,8 +302,9 @@ fn run_batch(
         }
         let count = |outcome| rows.iter().filter(|row| row.outcome == outcome).count();
         println!(
-            "{} recordings: {} identified, {} not identifiable, {} failed; {}",
+            "{} recording{}: {} identified, {} not identifiable, {} failed; {}",
             rows.len(),
+            if rows.len() == 1 { "" } else { "s" },
             count(batch::Outcome::Identified),
             count(batch::Outcome::NotIdentifiable),
             count(batch::Outcome::Failed),
