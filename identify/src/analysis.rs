@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, confirm,
-    diagnose_without, evidence, floor_of, state_spread,
+    diagnose_without, evidence, floor_of, state_spread, take_from_both,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
@@ -140,6 +140,7 @@ pub fn analyse_confirmed(
     leave_out_turns(&mut diagnosis)?;
     drop_useless(&mut diagnosis, &mut confirmed)?;
     state_spread(&mut diagnosis)?;
+    take_from_both(&mut diagnosis)?;
     let mut base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let mut named = diagnosis.model.clone();
@@ -417,12 +418,16 @@ fn with_mechanism(
     }
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let alone = still_shown(fit_parametric(motion, &effects))?;
-    if let Some(alone) = alone.filter(|alone| ALONE_ABOVE * alone.held_out_rms < model.held_out_rms)
-    {
+    let (alone, above) = if diagnosis.together.is_some() {
+        (Some(diagnosis.model.clone()), KNOWN_ALONE_ABOVE)
+    } else {
+        let alone = still_shown(fit_parametric(motion, &effects))?;
+        (alone, ALONE_ABOVE)
+    };
+    if let Some(alone) = alone.filter(|alone| above * alone.held_out_rms < model.held_out_rms) {
         // A mechanism that takes up what a named effect is: the effects alone foretell. What the full model does not know stays unknown.
         let alone = known_to_all(alone, [&model, &diagnosis.model]);
-        (model, jointly, left) = (alone, None, false);
+        (model, jointly, left) = (alone, diagnosis.together.clone(), false);
     } else if !left {
         keep_lines_named(&mut model, diagnosis);
     }
@@ -477,6 +482,8 @@ const MANY: usize = 120_000;
 
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
 const ALONE_ABOVE: f64 = 1.5;
+/// The same where motion and effort together have the effects' parameters.
+const KNOWN_ALONE_ABOVE: f64 = 1.03;
 
 /// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
 fn known_to_all(mut model: EffortModel, others: [&EffortModel; 2]) -> EffortModel {

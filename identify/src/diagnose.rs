@@ -24,6 +24,7 @@ mod shapes;
 mod spread;
 mod start;
 mod tidy;
+mod together;
 
 pub(crate) use breakaway::add_stiction;
 pub use confirm::{Confirmation, confirm};
@@ -34,3 +35,4 @@ pub(crate) use search::floor_of;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};
 pub(crate) use spread::state_spread;
 pub use start::{diagnose, diagnose_without};
+pub(crate) use together::take_from_both;

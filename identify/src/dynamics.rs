@@ -9,12 +9,14 @@ mod attenuation;
 mod design;
 mod joint;
 mod left_out;
+mod shaped;
 mod structure;
 mod turns;
 mod valved;
 
 pub use joint::JointFit;
 pub(crate) use left_out::covariance_of_columns;
+pub(crate) use shaped::fit_shapes;
 pub use structure::{Structure, structure};
 
 use std::collections::BTreeMap;

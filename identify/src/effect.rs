@@ -41,6 +41,17 @@ pub trait Effect: core::fmt::Debug + Sync {
     /// # Errors
     /// As [`Effect::columns`].
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError>;
+
+    /// How far each free number of its shape may be moved either way, in steps of its own; `motion` = the one that it was found on. Nothing where it
+    /// is no function of the state, or has no shape.
+    fn freedom(&self, _motion: &Motion) -> Vec<[f64; 2]> {
+        Vec::new()
+    }
+
+    /// It with these numbers moved by so many steps; nothing where there are none.
+    fn moved(&self, _motion: &Motion, _steps: &[f64]) -> Option<Box<dyn Effect>> {
+        None
+    }
 }
 
 /// The parametric model of the paper: `I ddq + mu sgn(dq) + b dq`, all three non-negative.

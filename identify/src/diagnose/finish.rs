@@ -165,6 +165,7 @@ impl State {
             effects,
             refused: self.refused,
             lag_s: self.lag.map(|lag| lag.0),
+            together: None,
             model,
             floor,
             simulated_rms: self.level,

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::score::{Folds, solve};
+use super::shapes::{Free, free_of};
 use crate::effect::axis::FARTHEST;
 use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
 use crate::effect::measurement::PAYLOAD_SWITCH;
@@ -111,6 +112,30 @@ impl Found {
             .collect()
     }
 
+    /// The free numbers of its shape where it is a function of the state.
+    fn free_on(&self, motion: &Motion) -> Vec<Free> {
+        if self.kind.at.is_none() {
+            return Vec::new();
+        }
+        free_of(&Scope::of(motion, self.rigid), core::slice::from_ref(self))
+    }
+
+    /// Where these numbers stand in the shape, and what a step changes of them.
+    pub(super) fn steps_on(&self, motion: &Motion) -> Vec<(usize, f64)> {
+        let free = self.free_on(motion).into_iter();
+        free.map(|free| (free.shape, free.per_step(self.shape[free.shape])))
+            .collect()
+    }
+
+    /// It with these numbers moved by so many steps.
+    pub(super) fn with_steps(&self, motion: &Motion, steps: &[f64]) -> Self {
+        let mut out = self.clone();
+        for (free, step) in self.free_on(motion).iter().zip(steps) {
+            out.shape[free.shape] = free.moved(self.shape[free.shape], *step);
+        }
+        out
+    }
+
     /// The used terms.
     pub fn terms(&self) -> impl Iterator<Item = &'static crate::effect::library::TermOf> {
         let terms = self.kind.terms.iter().zip(&self.used);
@@ -173,6 +198,16 @@ impl Effect for Found {
 
     fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
         Ok(Self::series(self, motion))
+    }
+
+    fn freedom(&self, motion: &Motion) -> Vec<[f64; 2]> {
+        let free = self.free_on(motion).into_iter();
+        free.map(|free| free.within(self.shape[free.shape]))
+            .collect()
+    }
+
+    fn moved(&self, motion: &Motion, steps: &[f64]) -> Option<Box<dyn Effect>> {
+        Some(Box::new(self.with_steps(motion, steps)))
     }
 }
 

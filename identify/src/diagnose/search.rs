@@ -9,7 +9,7 @@ use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
-    DynamicsError, EffortModel, fit_columns, fit_parametric, fit_with_mechanism,
+    DynamicsError, EffortModel, JointFit, fit_columns, fit_parametric, fit_with_mechanism,
 };
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
@@ -66,6 +66,8 @@ pub struct Diagnosis {
     pub lag_s: Option<f64>,
     /// I, mu, b and the effects, fitted with their bounds.
     pub model: EffortModel,
+    /// Of motion and dynamics together, where the model has the parameters of such a fit.
+    pub together: Option<JointFit>,
     /// What the sensors' noise leaves of a complete model.
     pub floor: NoiseFloor,
     /// The motion that the model is fitted to.

@@ -59,7 +59,7 @@ impl Free {
     }
 
     /// The parameter `step` away from `at`, within the limits.
-    fn moved(&self, at: f64, step: f64) -> f64 {
+    pub(super) fn moved(&self, at: f64, step: f64) -> f64 {
         let there = if self.by_factor {
             at * step.clamp(-1.0, 1.0).exp()
         } else {
@@ -90,6 +90,13 @@ impl Free {
         } else {
             (moved - at) / self.unit
         }
+    }
+
+    /// How many steps lead from `at` to the limits of a search from there.
+    pub(super) fn within(&self, at: f64) -> [f64; 2] {
+        let most = if self.by_factor { 1.0 } else { f64::INFINITY };
+        let [low, high] = self.limits.map(|limit| self.step_to(at, limit));
+        [low.clamp(-most, 0.0), high.clamp(0.0, most)]
     }
 
     /// A step that changes the regressors little.

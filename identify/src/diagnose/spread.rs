@@ -64,10 +64,10 @@ pub(crate) fn state_spread(diagnosis: &mut Diagnosis) -> Result<(), DynamicsErro
 }
 
 /// Share of the variance that a search's limits leave from which on the data show a shape.
-const SHOWN_BELOW: f64 = 0.8;
+pub(super) const SHOWN_BELOW: f64 = 0.8;
 
 /// How far the position sensor wanders, rms, in the unit of the coordinate; 0 where that is not known.
-fn wander(samples: &JointSamples) -> f64 {
+pub(super) fn wander(samples: &JointSamples) -> f64 {
     let squares = samples.noise_of_q.iter().map(|series| {
         let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
         let away: Vec<f64> = series.iter().map(|v| v - mean).collect();
@@ -79,7 +79,7 @@ fn wander(samples: &JointSamples) -> f64 {
 
 /// What the numbers of a magnet, with `terms`, change by when its closed end, which is the lowest place that was measured, is said to be a unit further on:
 /// the effort elsewhere stays as it is.
-fn by_closed_end(found: &Found, terms: &[f64]) -> DVector<f64> {
+pub(super) fn by_closed_end(found: &Found, terms: &[f64]) -> DVector<f64> {
     let mut out = DVector::zeros(terms.len() + found.shape.len());
     if let (true, [pull], [_, reach, inverse_square]) =
         (found.kind.is(&CATCH), terms, found.shape.as_slice())

@@ -12,37 +12,40 @@
 //! series likeliest (marginal likelihood, the curve integrated out). Effort counts where the joint slides, away from
 //! reversals: there sticking makes kinks that neither the curve nor the model has.
 //!
-//! The smoothness of the mechanism is that of the plain fit. Which parts of its damping are there is taken from it too.
+//! The smoothness of the mechanism is that of the plain fit. Which parts of its damping are there is taken from it too. Without a
+//! mechanism the shapes of the effects are fitted as well.
 
 mod arrow;
 mod colour;
 mod covariance;
 mod curve;
-
-use core::ops::Range;
+mod measured;
+mod position;
+mod shapes;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Term;
 use super::design::{Design, scaled};
 use crate::effect::Effect;
-use crate::filter::{LowPass, second_derivative};
 use crate::least_squares::{Bound, bounded_quadratic, rms};
 use crate::mechanism::{Mechanism, SplineMechanism};
-use crate::motion::{Motion, MotionError, by_run};
+use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel_on;
-use crate::samples::quantile;
-use crate::tool::smoothing_hz;
 use arrow::{Arrow, Eliminated};
 use colour::Colour;
 use curve::{Curve, LOCAL, Weights};
+use measured::{tool_acceleration, upper_band, used_samples};
+use position::position_equations;
+use shapes::{Moves, Shapes};
 
 /// Distance of the curve's knots, s: it follows a hand's motion up to about 15 Hz.
 const KNOTS_S: f64 = 0.03;
-/// Time about a reversal in which the effort does not count, s.
-const REVERSAL_S: f64 = 0.06;
 /// Gauss and Newton's steps, at most.
 const STEPS: usize = 8;
+/// The same where shapes are fitted, and below which change of theirs these are steady.
+const SHAPED_STEPS: usize = 16;
+const STEADY: f64 = 1e-3;
 /// Fits that are made at a time: each takes a good part of the memory that an hour takes.
 const AT_ONCE: usize = 2;
 /// Coefficients of the mechanism that an effort depends on, at most: of the load, and of the damping as a surface.
@@ -54,6 +57,8 @@ const RIGID: usize = 3;
 /// What the parameters are held with where they were, in the units of a diagonal element: a named line and the load's own are the same
 /// effort, and rounding would carry the two away from each other without end.
 const HELD: f64 = 1e-6;
+/// What holds a shape at its limit, in the same units.
+const FIXED: f64 = 1e6;
 /// So many standard deviations of their difference two fits differ by chance.
 const DOUBTED: f64 = 2.0;
 /// Effort noise that is tried, over the sensor's.
@@ -79,10 +84,14 @@ pub(super) struct Together {
     pub(super) fit: JointFit,
     /// Parameters of the effects, as [`Plain::theta`].
     pub(super) theta: DVector<f64>,
-    /// Of these parameters.
+    /// Steps by which their shapes were moved, effect by effect; none beside a mechanism.
+    pub(super) steps: Vec<f64>,
+    /// Of these parameters and steps.
     pub(super) covariance: DMatrix<f64>,
     /// What goes with them.
     pub(super) mechanism: SplineMechanism,
+    /// Lowest place of each visit of the motion to its low end.
+    pub(super) lowest: Vec<f64>,
     /// Whether the steps came to rest.
     pub(super) converged: bool,
 }
@@ -126,7 +135,7 @@ fn more_certain(theta: [&DVector<f64>; 2], covariance: [&DMatrix<f64>; 2]) -> bo
 pub(super) struct Plain<'a> {
     /// Parameters of the effects, in the order of their columns.
     pub(super) theta: &'a [f64],
-    /// The mechanism.
+    /// The mechanism; there is none where `design` has no columns of it.
     pub(super) mechanism: &'a SplineMechanism,
     /// The design that it was solved with.
     pub(super) design: &'a Design,
@@ -149,9 +158,16 @@ pub(super) fn fit(
     problem.solve()
 }
 
+/// The effects, found on `motion`, with their shapes moved by `steps`.
+pub(super) fn moved(motion: &Motion, effects: &[&dyn Effect], steps: &[f64]) -> Moves {
+    Shapes::of(effects, motion).moved(effects, motion, steps)
+}
+
 struct Problem<'a> {
     motion: &'a Motion,
     effects: &'a [&'a dyn Effect],
+    /// The shapes that are fitted, whose steps are the last of the parameters.
+    shapes: Shapes,
     mechanism: SplineMechanism,
     /// Of each linear coefficient of the mechanism its place among the parameters; nothing when it is held at zero.
     places: Vec<Option<usize>>,
@@ -179,6 +195,8 @@ struct Place {
     mechanism: SplineMechanism,
     /// Regressors of the effects, unfiltered.
     series: Vec<Vec<f64>>,
+    /// The effects with their shapes there, and what these do.
+    moves: Moves,
 }
 
 impl<'a> Problem<'a> {
@@ -189,6 +207,7 @@ impl<'a> Problem<'a> {
         let linear = plain.theta.len();
         let coefficients = plain.mechanism.coefficients();
         let all = plain.mechanism.bounds();
+        let columns = plain.design.y.ncols();
         let (mut places, mut bounds) = (Vec::new(), plain.design.bounds[..linear].to_vec());
         let mut start = plain.theta.to_vec();
         let mut chosen: Vec<usize> = (0..linear).collect();
@@ -196,7 +215,8 @@ impl<'a> Problem<'a> {
             .iter()
             .enumerate()
         {
-            let held = all[j] == Bound::NonNegative && *value == 0.0;
+            let is_there = linear + j < columns;
+            let held = !is_there || all[j] == Bound::NonNegative && *value == 0.0;
             places.push((!held).then_some(start.len()));
             if !held {
                 start.push(*value);
@@ -205,18 +225,34 @@ impl<'a> Problem<'a> {
             }
         }
         let used = used_samples(motion);
-        let none = DMatrix::zeros(plain.design.y.ncols(), plain.design.y.ncols());
-        let penalty = plain
+        let none = DMatrix::zeros(columns, columns);
+        let mut penalty = plain
             .design
             .penalized(&none, plain.smoothing, 1.0)
             .select_rows(&chosen)
             .select_columns(&chosen)
             * (used.len() as f64 / motion.kept.len().max(1) as f64);
+        let sensor = upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE);
+        // Beside a mechanism a shape is nothing that data show.
+        let shapes = if columns > linear {
+            Shapes::default()
+        } else {
+            Shapes::of(effects, motion)
+        };
+        let count = start.len() + shapes.len();
+        penalty = penalty.resize(count, count, 0.0);
+        for (k, loose) in shapes.looseness().enumerate() {
+            let at = start.len() + k;
+            penalty[(at, at)] = (sensor / loose).powi(2);
+        }
+        start.resize(count, 0.0);
+        bounds.resize(count, Bound::Free);
         let position = position_equations(motion, &curve, &colour);
         let taken_off = tool_acceleration(motion)?;
         (colour.new_std > 0.0 && used.len() > 2 * start.len()).then_some(Self {
             motion,
             effects,
+            shapes,
             mechanism: plain.mechanism.clone(),
             places,
             linear,
@@ -226,7 +262,7 @@ impl<'a> Problem<'a> {
             colour,
             position,
             used,
-            sensor: upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE),
+            sensor,
             start: DVector::from_vec(start),
             taken_off,
         })
@@ -242,7 +278,12 @@ impl<'a> Problem<'a> {
         let mut noise = self.sensor;
         let mut place = self.place(&x, &theta)?;
         let mut converged = false;
-        for step in 0..STEPS {
+        let most = if self.shapes.is_empty() {
+            STEPS
+        } else {
+            SHAPED_STEPS
+        };
+        for step in 0..most {
             let effort = self.effort(&place, &self.slopes(&place)?, |_| true);
             // Each of these is a good part of the memory that an hour takes.
             drop(place);
@@ -258,7 +299,8 @@ impl<'a> Problem<'a> {
             drop(eliminated);
             place = self.place(&x, &theta)?;
             let change = (&theta - &before).component_div(&before.map(|v| v.abs().max(1e-9)));
-            converged = step >= 2 && change.rows(0, 3).amax() < 1e-4;
+            let steps = self.steps(&theta) - self.steps(&before);
+            converged = step >= 2 && change.rows(0, 3).amax() < 1e-4 && steps.amax() < STEADY;
             if converged {
                 break;
             }
@@ -297,8 +339,10 @@ impl<'a> Problem<'a> {
         };
         Ok(Some(Together {
             fit,
+            steps: self.steps(&theta).as_slice().to_vec(),
             theta: theta.rows(0, self.linear).into_owned(),
             covariance,
+            lowest: place.motion.visits_to_the_low_end(),
             mechanism: place.mechanism,
             converged,
         }))
@@ -307,13 +351,32 @@ impl<'a> Problem<'a> {
     /// The motion along the curve with coefficients `x`, with parameters `theta`.
     fn place(&self, x: &[f64], theta: &DVector<f64>) -> Result<Place, MotionError> {
         let motion = self.along(x);
-        let series = self.series(&motion)?;
+        let steps = self.steps(theta);
+        let mut moves = self
+            .shapes
+            .moved(self.effects, self.motion, steps.as_slice());
+        let series = self.series(&moves, &motion)?;
+        let terms: Vec<usize> = series.iter().map(Vec::len).collect();
+        let series = series.into_iter().flatten().collect();
+        moves.derive(
+            (&self.shapes, self.effects),
+            self.motion,
+            &motion,
+            (theta, &terms),
+        )?;
         Ok(Place {
             motion,
             theta: theta.clone(),
             mechanism: self.mechanism_with(theta),
             series,
+            moves,
         })
+    }
+
+    /// The steps of the shapes, which are the last parameters.
+    fn steps(&self, theta: &DVector<f64>) -> DVector<f64> {
+        let count = self.shapes.len();
+        theta.rows(theta.len() - count, count).into_owned()
     }
 
     /// The mechanism with the parameters put in.
@@ -348,12 +411,10 @@ impl<'a> Problem<'a> {
         motion.with_effort(tau)
     }
 
-    fn series(&self, motion: &Motion) -> Result<Vec<Vec<f64>>, MotionError> {
-        let mut out = Vec::with_capacity(self.linear);
-        for effect in self.effects {
-            out.extend(effect.series(motion)?);
-        }
-        Ok(out)
+    /// Regressors of each effect, with its shape as in `moves`.
+    fn series(&self, moves: &Moves, motion: &Motion) -> Result<Vec<Vec<Vec<f64>>>, MotionError> {
+        let effects = moves.effects(self.effects);
+        effects.map(|effect| effect.series(motion)).collect()
     }
 
     /// Change of the effort per change of the coordinate, the velocity and the acceleration, at each sample whose effort counts,
@@ -365,6 +426,7 @@ impl<'a> Problem<'a> {
             theta,
             mechanism,
             series,
+            moves,
         }: &Place,
     ) -> Result<Vec<[f64; 3]>, MotionError> {
         let domain = &mechanism.domain;
@@ -394,7 +456,8 @@ impl<'a> Problem<'a> {
             if series.len() <= first {
                 continue;
             }
-            for (j, moved) in self.series(&moved)?.iter().enumerate().skip(first) {
+            let moved = self.series(moves, &moved)?;
+            for (j, moved) in moved.iter().flatten().enumerate().skip(first) {
                 for (out, (a, b)) in out.iter_mut().zip(moved.iter().zip(&series[j])) {
                     out[k] += theta[j] * (a - b) / small;
                 }
@@ -431,7 +494,9 @@ impl<'a> Problem<'a> {
             theta,
             mechanism,
             series,
+            moves,
         } = place;
+        let first_step = theta.len() - self.shapes.len();
         let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
         for i in samples {
             let (first, weights) = places[i];
@@ -445,12 +510,17 @@ impl<'a> Problem<'a> {
                     linear += value * theta[place];
                 }
             }
+            let mut moved = 0.0;
+            for (k, derivative) in moves.derivatives.iter().enumerate() {
+                params.push((first_step + k, derivative[i]));
+                moved += derivative[i] * theta[first_step + k];
+            }
             let [by_q, by_dq, by_ddq] = slopes[i];
             let by = [by_q, by_dq, by_ddq + theta[0] + self.motion.tool_inertia];
             let curve: [f64; LOCAL] =
                 core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
             let fixed = mechanism.effort(q, dq) - linear;
-            let right = motion.tau[i] - fixed + by[0] * q + by[1] * dq + by[2] * ddq;
+            let right = motion.tau[i] - fixed + moved + by[0] * q + by[1] * dq + by[2] * ddq;
             row(first, &curve, &params, right);
         }
     }
@@ -502,7 +572,27 @@ impl<'a> Problem<'a> {
         });
         let right = eliminated.right().component_div(&scale) + HELD * before.component_mul(&known);
         let warm: Vec<bool> = self.start.iter().map(|v| *v != 0.0).collect();
-        bounded_quadratic(&h, &right, &self.bounds, Some(&warm)).component_div(&scale)
+        let solved = |h: &DMatrix<f64>, right: &DVector<f64>| {
+            bounded_quadratic(h, right, &self.bounds, Some(&warm)).component_div(&scale)
+        };
+        let theta = solved(&h, &right);
+        let first = theta.len() - self.shapes.len();
+        let beyond = self.shapes.beyond(&theta.as_slice()[first..]);
+        if beyond.is_empty() {
+            return theta;
+        }
+        // What goes with a shape that is at its limit is sought anew.
+        let (mut h, mut right) = (h, right);
+        for &(k, limit) in &beyond {
+            let j = first + k;
+            h[(j, j)] += FIXED;
+            right[j] += FIXED * limit * scale[j];
+        }
+        let mut theta = solved(&h, &right);
+        for (k, limit) in beyond {
+            theta[first + k] = limit;
+        }
+        theta
     }
 
     /// What the parameters leave of the effort along the motion, filtered, at the fit's samples.
@@ -560,137 +650,6 @@ impl<'a> Problem<'a> {
         let rms = (square / f64::from(samples.max(1))).sqrt();
         Ok((left_out > 1).then_some(rms))
     }
-}
-
-/// The equations of the curve by the measured coordinate alone, whitened.
-fn position_equations(motion: &Motion, curve: &Curve, colour: &Colour) -> Arrow {
-    let width = LOCAL - 1 + colour.past.len().div_ceil(curve.step());
-    let mut arrow = Arrow::new(curve.len(), width, 0);
-    let places = curve.at_samples();
-    position_rows(
-        motion,
-        curve,
-        colour,
-        &places,
-        0..motion.q.len(),
-        |first, row, right| {
-            arrow.add(first, row, &[], right);
-        },
-    );
-    for run in curve.runs() {
-        // What hardly any sample touches, at a run's end, goes on as smoothly as ten times the motion's own bends allow.
-        let bends: Vec<f64> = motion.q[run.clone()]
-            .windows(3 * curve.step() + 1)
-            .map(|w| [0, 1, 2, 3].map(|k| w[k * curve.step()]))
-            .map(|[a, b, c, d]| d - 3.0 * (c - b) - a)
-            .collect();
-        let loose = 1.0 / (10.0 * rms(&bends)).max(f64::MIN_POSITIVE);
-        let (first, last) = (places[run.start].0, places[run.end - 1].0 + LOCAL);
-        for j in first..last - 3 {
-            let third = [-loose, 3.0 * loose, -3.0 * loose, loose];
-            arrow.add(j, &third, &[], 0.0);
-        }
-    }
-    arrow
-}
-
-/// Calls `row` with the equation of each of `samples`' measured coordinates, whitened: the first coefficient of the curve, what the
-/// equation has of it and those after it, and its right side.
-fn position_rows(
-    motion: &Motion,
-    curve: &Curve,
-    colour: &Colour,
-    places: &[(usize, &Weights)],
-    samples: Range<usize>,
-    mut row: impl FnMut(usize, &[f64], f64),
-) {
-    let order = colour.past.len();
-    let mut values = vec![0.0; LOCAL + order.div_ceil(curve.step())];
-    for run in curve.runs() {
-        for i in run.start.max(samples.start)..run.end.min(samples.end) {
-            let inside = i - run.start >= order;
-            let past: &[f64] = if inside { &colour.past } else { &[] };
-            // At a run's start the past is not known; a looser tie stands in for it.
-            let weight = if inside { 1.0 } else { 0.2 } / colour.new_std;
-            let first = places[i - past.len()].0;
-            values.fill(0.0);
-            let mut right = 0.0;
-            for (back, share) in core::iter::once(-1.0)
-                .chain(past.iter().copied())
-                .enumerate()
-            {
-                let (from, weights) = places[i - back];
-                for (j, value) in weights[0].iter().enumerate() {
-                    values[from - first + j] -= share * value * weight;
-                }
-                right -= share * motion.q_measured[i - back] * weight;
-            }
-            row(first, &values[..places[i].0 - first + LOCAL], right);
-        }
-    }
-}
-
-/// The joint's acceleration as [`crate::tool`] took it from the poses.
-fn tool_acceleration(motion: &Motion) -> Option<Vec<f64>> {
-    let rate_hz = 1.0 / motion.period;
-    let filter = LowPass::butterworth(4, smoothing_hz(rate_hz), rate_hz).ok()?;
-    by_run(&motion.runs, &motion.q_measured, |part| {
-        let smooth = filter.zero_phase_settled(part)?;
-        Ok(second_derivative(&smooth, motion.period))
-    })
-    .ok()
-}
-
-/// Samples near those that the fit uses, while the joint slides one way.
-fn used_samples(motion: &Motion) -> Vec<(usize, usize)> {
-    let reach = motion
-        .kept
-        .windows(2)
-        .map(|w| w[1] - w[0])
-        .min()
-        .unwrap_or(1)
-        / 2;
-    let clear = (REVERSAL_S / motion.period).ceil() as usize;
-    let mut turned = vec![0_usize; motion.sign.len() + 1];
-    for (i, sign) in motion.sign.iter().enumerate() {
-        turned[i + 1] =
-            turned[i] + usize::from(sign.abs() < 1.0 || motion.dq[i].abs() < motion.slow_speed);
-    }
-    let mut out: Vec<(usize, usize)> = Vec::new();
-    for (near, &kept) in motion.kept.iter().enumerate() {
-        let from = out
-            .last()
-            .map_or(0, |last| last.0 + 1)
-            .max(kept.saturating_sub(reach));
-        for i in from..=(kept + reach).min(motion.q.len() - 1) {
-            let around = i.saturating_sub(clear)..(i + clear + 1).min(motion.sign.len());
-            if turned[around.end] == turned[around.start] {
-                out.push((i, near));
-            }
-        }
-    }
-    out
-}
-
-/// Standard deviation of the noise of a series at the work rate, as if what lies in its upper band were white.
-fn upper_band(motion: &Motion, series: &[f64]) -> f64 {
-    const FROM: f64 = 0.15;
-    /// Where the anti-alias filter ends.
-    const TO: f64 = 0.3;
-    let Ok(filter) = LowPass::butterworth(4, FROM / motion.period, 1.0 / motion.period) else {
-        return 0.0;
-    };
-    let window = ((0.25 / motion.period) as usize).max(8);
-    let mut variances = Vec::new();
-    for run in motion.runs.iter().filter(|run| run.len() > 8 * window) {
-        let part = &series[run.clone()];
-        let Ok(low) = filter.zero_phase(part) else {
-            continue;
-        };
-        let high: Vec<f64> = part.iter().zip(&low).map(|(a, b)| a - b).collect();
-        variances.extend(high.chunks(window).map(|chunk| rms(chunk).powi(2)));
-    }
-    (quantile(&variances, 0.5) * TO / (TO - FROM)).sqrt()
 }
 
 /// A normal matrix for variables counted in units of `1 / scale`, with [`HELD`] on its diagonal, and the scale.

@@ -152,6 +152,25 @@ pub const DETENT: Kind = Kind {
     separate: "slow strokes back and forth through the place",
 };
 
+/// A magnet's pull and reach, stated at another closed end than `shape` has, and what each of the two grows by per unit of pull and of reach: the
+/// effort on the near side of both stays.
+pub(crate) fn restated(pull: f64, shape: &mut [f64], closed: f64) -> (f64, [[f64; 2]; 2]) {
+    let [own, reach, inverse_square] = shape else {
+        return (pull, [[1.0, 0.0], [0.0, 1.0]]);
+    };
+    let far = (closed - *own) / *reach;
+    let (left, by_reach, longer) = if *inverse_square > 0.5 {
+        let left = (1.0 + far).powi(-2);
+        (left, 2.0 * left * far / (1.0 + far), far * *reach)
+    } else {
+        ((-far).exp(), (-far).exp() * far, 0.0)
+    };
+    let slopes = [[left, pull * by_reach / *reach], [0.0, 1.0]];
+    *own = closed;
+    *reach += longer;
+    (pull * left, slopes)
+}
+
 fn pull(shape: &[f64], q: f64) -> f64 {
     let distance = (q - shape[0]).max(0.0);
     if shape[2] > 0.5 {
@@ -211,4 +230,32 @@ pub const RIPPLE: Kind = Kind {
 /// Cycles over the range, in thirds, from three up to where slow strokes pass the filter.
 fn waves(_: &Scope<'_>) -> Vec<f64> {
     (9..=150).map(|k| f64::from(k) / 3.0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_magnet_that_is_stated_elsewhere_pulls_as_much() {
+        for inverse_square in [0.0, 1.0] {
+            let shape = [0.01, 0.02, inverse_square];
+            let mut moved = shape;
+            let (there, slopes) = restated(6.0, &mut moved, 0.014);
+            for q in [0.014, 0.02, 0.05] {
+                let [before, after] = [6.0 * pull(&shape, q), there * pull(&moved, q)];
+                assert!((before - after).abs() < 1e-12, "{before} {after}");
+            }
+            let mut longer = [0.01, 0.02 + 1e-6, inverse_square];
+            let (by_reach, _) = restated(6.0, &mut longer, 0.014);
+            let (by_pull, _) = restated(6.0 + 1e-6, &mut shape.clone(), 0.014);
+            let numeric = [by_pull, by_reach].map(|moved| (moved - there) / 1e-6);
+            for (slope, numeric) in slopes[0].iter().zip(numeric) {
+                assert!(
+                    (slope - numeric).abs() < 1e-3 * numeric.abs(),
+                    "{slope} {numeric}"
+                );
+            }
+        }
+    }
 }

@@ -9,6 +9,8 @@ use crate::samples::{extrema, quantile};
 const PARTS: usize = 20;
 /// Friction is known where the motion goes both ways over this share of its range.
 const LEAST_BOTH_WAYS: f64 = 0.15;
+/// A visit to the low end comes this near to the lowest place, and has ended when the motion is twice as far away, as a share of the range.
+const NEAR_LOW: f64 = 0.05;
 /// One pass is one time at each place: what time does, the place may have done. The second shows that something changed, the third
 /// that it was time.
 const LEAST_PASSES: usize = 3;
@@ -32,6 +34,26 @@ impl Motion {
             }
         }
         passes
+    }
+
+    /// The lowest place of each visit to the low end.
+    pub(crate) fn visits_to_the_low_end(&self) -> Vec<f64> {
+        let (low, high) = extrema(&self.q);
+        let near = NEAR_LOW * (high - low);
+        let mut visits = Vec::new();
+        let mut is_there = false;
+        for q in &self.q {
+            is_there &= *q < low + 2.0 * near;
+            match visits.last_mut() {
+                Some(lowest) if is_there => *lowest = q.min(*lowest),
+                _ if *q < low + near => {
+                    visits.push(*q);
+                    is_there = true;
+                }
+                _ => {}
+            }
+        }
+        visits
     }
 
     /// Share of the range over which the kept samples go both ways.

@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::left_out::{LeftOut, blocks};
 use super::arrow::Eliminated;
-use super::{Place, Problem, held, position_rows};
+use super::position::position_rows;
+use super::{Place, Problem, held};
 
 /// What all stretches have wrong alike (the mechanism's form, the axis, clocks that drift apart) moves the parameters and does not scatter.
 /// The standard deviations of all but the inertia are so many times what scatters, as friction in simulated recordings asks for (`study`, 40
@@ -84,7 +85,7 @@ impl Stretch<'_> {
 }
 
 impl Problem<'_> {
-    /// Covariance of the effects' parameters at the minimum of `all`; what of the mechanism is at a bound stays there, as in the plain fit.
+    /// Covariance of the effects' parameters, and of the steps of their shapes where these are fitted, at the minimum of `all`; what of the mechanism is at a bound stays there, as in the plain fit.
     pub(super) fn covariance(
         &self,
         at: (&Place, &[[f64; 3]]),
@@ -94,8 +95,10 @@ impl Problem<'_> {
     ) -> DMatrix<f64> {
         let theta = self.minimum(&all, &at.0.theta);
         let x = all.coefficients(&theta);
+        // Without a mechanism the steps are next after the terms.
+        let own = self.linear + self.shapes.len();
         let free: Vec<usize> = (0..theta.len())
-            .filter(|&j| j < self.linear || !at_bound[j])
+            .filter(|&j| j < own || !at_bound[j])
             .collect();
         let (corner, scale) = held(&all.corner().select_rows(&free).select_columns(&free));
         let mut stretch = Stretch {
@@ -104,7 +107,7 @@ impl Problem<'_> {
             shares: &all.shares(),
             free: &free,
             scale: &scale,
-            of: LeftOut::new(&corner, self.linear),
+            of: LeftOut::new(&corner, own),
             rows: Vec::new(),
             residual: Vec::new(),
         };
@@ -132,8 +135,17 @@ impl Problem<'_> {
         }
         let grown = |j: usize| if j == 0 { 1.0 } else { SHARED } / scale[j];
         let mut out = stretch.of.covariance();
-        for i in 0..self.linear {
-            for j in 0..self.linear {
+        // What is known of a step beforehand does not scatter with the data either.
+        if let (true, Some(factor)) = (!self.shapes.is_empty(), corner.clone().cholesky()) {
+            let inverse = factor.inverse();
+            for j in self.linear..own {
+                let known = self.penalty[(j, j)] / (noise * scale[j]).powi(2);
+                let moved = inverse.view((0, j), (own, 1));
+                out += known * moved * moved.transpose();
+            }
+        }
+        for i in 0..own {
+            for j in 0..own {
                 out[(i, j)] *= grown(i) * grown(j);
             }
         }
