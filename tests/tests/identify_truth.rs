@@ -352,21 +352,34 @@ fn few_slow_strokes_are_smoothed_as_far_as_they_need() {
     }
 }
 
-/// How strong the drawer's magnet is at the closed end depends on where that is, which a tracker that wanders tells to a millimetre or two.
+/// How strong the drawer's magnet is at the closed end depends on where that is, which a tracker that wanders tells to a millimetre or two; how strong it is
+/// near there does not, and the wander does not blur it.
 #[test]
-fn the_pull_of_a_magnet_is_as_uncertain_as_it_is_stated() {
-    for seed in [1, 3, 5, 8] {
+fn the_pull_of_a_magnet_is_as_uncertain_as_it_is_stated_and_not_blurred() {
+    const NEAR: f64 = 0.005;
+    let (pull, reach) = (6.0, 0.02);
+    let there = pull / (1.0 + NEAR / reach).powi(2);
+    let mut off = Vec::new();
+    for seed in 2..=6 {
         let effects = report_of("drawer_light", seed, None).effects;
         let magnet = effects
             .iter()
             .find(|effect| effect.name == "catch")
             .unwrap();
-        for (name, simulated) in [("pull", 6.0), ("reach", 0.02)] {
-            let term = magnet.terms.iter().find(|term| term.name == name).unwrap();
-            let (value, std) = (term.value.unwrap(), term.std.unwrap());
+        let term = |name| magnet.terms.iter().find(|term| term.name == name).unwrap();
+        let value = |name| term(name).value.unwrap();
+        for (name, simulated) in [("pull", pull), ("reach", reach)] {
+            let (value, std) = (value(name), term(name).std.unwrap());
             println!("simulated {simulated}, found {value:.4} +- {std:.4}: {name}, seed {seed}");
             assert!((value - simulated).abs() < 3.0 * std, "{name}, seed {seed}");
             assert!(std < value, "{name}, seed {seed}: {std}");
         }
+        assert_eq!(value("inverse_square"), 1.0, "seed {seed}");
+        let far = (NEAR - value("closed")) / value("reach");
+        let found = value("pull") / (1.0 + far).powi(2);
+        println!("simulated {there:.3} N at 5 mm, found {found:.3} N, seed {seed}");
+        off.push((found / there - 1.0).abs());
     }
+    off.sort_by(f64::total_cmp);
+    assert!(off[2] < 0.05, "{off:?}");
 }

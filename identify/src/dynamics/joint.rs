@@ -57,6 +57,8 @@ const RIGID: usize = 3;
 /// What the parameters are held with where they were, in the units of a diagonal element: a named line and the load's own are the same
 /// effort, and rounding would carry the two away from each other without end.
 const HELD: f64 = 1e-6;
+/// The same without a mechanism: what the data hardly tell apart stays as uncertain as it is.
+const HARDLY_HELD: f64 = 1e-12;
 /// What holds a shape at its limit, in the same units.
 const FIXED: f64 = 1e6;
 /// So many standard deviations of their difference two fits differ by chance.
@@ -175,6 +177,8 @@ struct Problem<'a> {
     linear: usize,
     bounds: Vec<Bound>,
     penalty: DMatrix<f64>,
+    /// See [`HELD`].
+    hold: f64,
     curve: Curve,
     colour: Colour,
     /// The equations of the curve by the measured coordinate alone, whitened.
@@ -258,6 +262,7 @@ impl<'a> Problem<'a> {
             linear,
             bounds,
             penalty,
+            hold: if columns > linear { HELD } else { HARDLY_HELD },
             curve,
             colour,
             position,
@@ -538,7 +543,7 @@ impl<'a> Problem<'a> {
         let surprise = |noise: f64| {
             let eliminated = self.whole(effort.clone(), noise)?;
             let theta = self.minimum(&eliminated, before);
-            let (corner, scale) = held(eliminated.corner());
+            let (corner, scale) = held(eliminated.corner(), self.hold);
             let corner = corner.cholesky()?.l();
             let of_params: f64 = corner
                 .diagonal()
@@ -561,7 +566,7 @@ impl<'a> Problem<'a> {
 
     /// The parameters at the minimum, near those `before`.
     fn minimum(&self, eliminated: &Eliminated, before: &DVector<f64>) -> DVector<f64> {
-        let (h, scale) = held(eliminated.corner());
+        let (h, scale) = held(eliminated.corner(), self.hold);
         // What these equations do not have at all is not held to what it was, and comes out as none.
         let known = scale.map(|scale| {
             if scale > f64::MIN_POSITIVE.sqrt() {
@@ -570,7 +575,8 @@ impl<'a> Problem<'a> {
                 0.0
             }
         });
-        let right = eliminated.right().component_div(&scale) + HELD * before.component_mul(&known);
+        let right =
+            eliminated.right().component_div(&scale) + self.hold * before.component_mul(&known);
         let warm: Vec<bool> = self.start.iter().map(|v| *v != 0.0).collect();
         let solved = |h: &DMatrix<f64>, right: &DVector<f64>| {
             bounded_quadratic(h, right, &self.bounds, Some(&warm)).component_div(&scale)
@@ -652,12 +658,12 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// A normal matrix for variables counted in units of `1 / scale`, with [`HELD`] on its diagonal, and the scale.
-fn held(matrix: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+/// A normal matrix for variables counted in units of `1 / scale`, with `hold` on its diagonal, and the scale.
+fn held(matrix: &DMatrix<f64>, hold: f64) -> (DMatrix<f64>, DVector<f64>) {
     let scale = matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt());
     let mut out = scaled(matrix, &scale);
     for j in 0..out.nrows() {
-        out[(j, j)] += HELD;
+        out[(j, j)] += hold;
     }
     (out, scale)
 }

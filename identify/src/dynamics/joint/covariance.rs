@@ -100,7 +100,8 @@ impl Problem<'_> {
         let free: Vec<usize> = (0..theta.len())
             .filter(|&j| j < own || !at_bound[j])
             .collect();
-        let (corner, scale) = held(&all.corner().select_rows(&free).select_columns(&free));
+        let corner = all.corner().select_rows(&free).select_columns(&free);
+        let (corner, scale) = held(&corner, self.hold);
         let mut stretch = Stretch {
             x: &x,
             theta: &theta,
