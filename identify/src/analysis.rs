@@ -67,7 +67,7 @@ pub struct Analysis {
     pub full: EffortModel,
     /// Whether the full model leaves those named effects to its mechanism that a mechanism can be by itself.
     pub left_to_mechanism: bool,
-    /// Motion and dynamics fitted together, from the full model on; nothing where that foretells no better.
+    /// Motion and dynamics fitted together, from the full model on or with the shapes of the named effects; nothing where that foretells no better.
     pub jointly: Option<JointFit>,
     /// What was named and what was refused; nothing when nobody looked.
     pub diagnosis: Option<Diagnosis>,
@@ -418,16 +418,30 @@ fn with_mechanism(
     }
     let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
     effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let (alone, above) = if diagnosis.together.is_some() {
-        (Some(diagnosis.model.clone()), KNOWN_ALONE_ABOVE)
+    let alone = still_shown(fit_parametric(motion, &effects))?;
+    let above = if diagnosis.together.is_some() {
+        KNOWN_ALONE_ABOVE
     } else {
-        let alone = still_shown(fit_parametric(motion, &effects))?;
-        (alone, ALONE_ABOVE)
+        ALONE_ABOVE
     };
-    if let Some(alone) = alone.filter(|alone| above * alone.held_out_rms < model.held_out_rms) {
+    if let Some(mut alone) = alone.filter(|alone| above * alone.held_out_rms < model.held_out_rms) {
         // A mechanism that takes up what a named effect is: the effects alone foretell. What the full model does not know stays unknown.
-        let alone = known_to_all(alone, [&model, &diagnosis.model]);
-        (model, jointly, left) = (alone, diagnosis.together.clone(), false);
+        jointly.clone_from(&diagnosis.together);
+        if jointly.is_some() {
+            alone = EffortModel {
+                held_out_rms: alone.held_out_rms,
+                ..diagnosis.model.clone()
+            };
+        }
+        model = known_to_all(alone, [&model, &diagnosis.model]);
+        for (term, stated) in jointly
+            .iter_mut()
+            .flat_map(|fit| &mut fit.terms)
+            .zip(&model.terms)
+        {
+            term.std = stated.std;
+        }
+        left = false;
     } else if !left {
         keep_lines_named(&mut model, diagnosis);
     }
@@ -483,7 +497,7 @@ const MANY: usize = 120_000;
 /// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
 const ALONE_ABOVE: f64 = 1.5;
 /// The same where motion and effort together have the effects' parameters.
-const KNOWN_ALONE_ABOVE: f64 = 1.03;
+const KNOWN_ALONE_ABOVE: f64 = 1.02;
 
 /// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
 fn known_to_all(mut model: EffortModel, others: [&EffortModel; 2]) -> EffortModel {

@@ -16,13 +16,14 @@ mod valved;
 
 pub use joint::JointFit;
 pub(crate) use left_out::covariance_of_columns;
-pub(crate) use shaped::fit_shapes;
+pub(crate) use shaped::{Shaped, fit_shapes, model_with};
 pub use structure::{Structure, structure};
 
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::digits::with_std;
 use crate::effect::{Column, Effect, RigidBody};
 use crate::lag::{self, FAR_S, Lag};
 use crate::least_squares::{Bound, FitError, bounded_least_squares, effective_count, rms};
@@ -534,8 +535,8 @@ impl EffortModel {
                 continue;
             }
             let reason = format!(
-                "the mechanism's damping can stand in for it ({value:.3} ± {std:.3} {}); add slow and fast strokes where the \
-                 mechanism does not damp",
+                "the mechanism's damping can stand in for it ({} {}); add slow and fast strokes where the mechanism does not damp",
+                with_std(value, std),
                 term.unit
             );
             (term.value, term.std) = (None, None);
@@ -601,8 +602,8 @@ impl Evidence {
         };
         (uncertain && (matters || bound || name == "inertia")).then(|| {
             format!(
-                "the motion does not show it apart from the rest ({:.3} ± {:.3} {unit}); {todo}",
-                self.value, self.std
+                "the motion does not show it apart from the rest ({} {unit}); {todo}",
+                with_std(self.value, self.std)
             )
         })
     }

@@ -44,7 +44,7 @@ pub trait Effect: core::fmt::Debug + Sync {
 
     /// How far each free number of its shape may be moved either way, in steps of its own; `motion` = the one that it was found on. Nothing where it
     /// is no function of the state, or has no shape.
-    fn freedom(&self, _motion: &Motion) -> Vec<[f64; 2]> {
+    fn shape_limits(&self, _motion: &Motion) -> Vec<[f64; 2]> {
         Vec::new()
     }
 

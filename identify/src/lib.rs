@@ -14,6 +14,7 @@
 pub mod analysis;
 pub mod batch;
 pub mod diagnose;
+mod digits;
 pub mod dynamics;
 pub mod effect;
 pub mod effort;

@@ -5,9 +5,10 @@
 use serde::Serialize;
 
 use crate::analysis::{Analysis, FitSeries, Verdict};
+use crate::digits::with_std;
 use crate::pipeline::Identified;
+use crate::report::Report;
 use crate::report::effects::EffectEntry;
-use crate::report::{Report, with_std};
 use crate::samples::quantile;
 use crate::screw::{JointKind, ScrewAxis};
 use crate::twin::Evaluator;

@@ -5,9 +5,6 @@
 pub mod effects;
 mod summary;
 
-use summary::figure;
-pub use summary::with_std;
-
 use core::ops::Range;
 use std::collections::BTreeMap;
 
@@ -15,6 +12,7 @@ use serde::Serialize;
 
 use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
+use crate::digits::figure;
 use crate::dynamics::{EffortModel, JointFit, Structure, Term};
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;

@@ -360,7 +360,7 @@ fn the_pull_of_a_magnet_is_as_uncertain_as_it_is_stated_and_not_blurred() {
     let (pull, reach) = (6.0, 0.02);
     let there = pull / (1.0 + NEAR / reach).powi(2);
     let mut off = Vec::new();
-    for seed in 2..=6 {
+    for seed in 1..=8 {
         let effects = report_of("drawer_light", seed, None).effects;
         let magnet = effects
             .iter()
@@ -381,5 +381,5 @@ fn the_pull_of_a_magnet_is_as_uncertain_as_it_is_stated_and_not_blurred() {
         off.push((found / there - 1.0).abs());
     }
     off.sort_by(f64::total_cmp);
-    assert!(off[2] < 0.05, "{off:?}");
+    assert!(off[3] < 0.05 && off[7] < 0.3, "{off:?}");
 }

@@ -200,14 +200,14 @@ impl Effect for Found {
         Ok(Self::series(self, motion))
     }
 
-    fn freedom(&self, motion: &Motion) -> Vec<[f64; 2]> {
+    fn shape_limits(&self, motion: &Motion) -> Vec<[f64; 2]> {
         let free = self.free_on(motion).into_iter();
         free.map(|free| free.within(self.shape[free.shape]))
             .collect()
     }
 
     fn moved(&self, motion: &Motion, steps: &[f64]) -> Option<Box<dyn Effect>> {
-        Some(Box::new(self.with_steps(motion, steps)))
+        (!steps.is_empty()).then(|| -> Box<dyn Effect> { Box::new(self.with_steps(motion, steps)) })
     }
 }
 

@@ -37,7 +37,7 @@ use colour::Colour;
 use curve::{Curve, LOCAL, Weights};
 use measured::{tool_acceleration, upper_band, used_samples};
 use position::position_equations;
-use shapes::{Moves, Shapes};
+use shapes::{Moved, Shapes};
 
 /// Distance of the curve's knots, s: it follows a hand's motion up to about 15 Hz.
 const KNOTS_S: f64 = 0.03;
@@ -77,7 +77,8 @@ pub struct JointFit {
     pub rms: f64,
     /// The same on strokes whose effort had no part in the parameters. Their motion is known by it all the same.
     pub held_out_rms: f64,
-    /// Whether the full model has these parameters: they are more certain than those of the plain fit, and it lacks nothing.
+    /// Whether the full model has these parameters: they are more certain than those of the plain fit, and it lacks nothing; or it is the named effects
+    /// alone, which are fitted so.
     pub stands: bool,
 }
 
@@ -106,6 +107,11 @@ impl Together {
         self.converged && !bends && more_certain([&self.theta, theta], [&self.covariance, plain])
     }
 
+    /// Whether its inertia and friction are at the same bounds as those of a plain fit.
+    pub(super) fn has_bounds_of(&self, plain: &DVector<f64>) -> bool {
+        at_same_bounds(&self.theta.as_slice()[..RIGID], plain.as_slice())
+    }
+
     /// Counts what its inertia and friction differ by from the plain fit's, by more than both scatter, as uncertainty: of the two the
     /// plain fit presumes less. `common` = damping of the plain fit's mechanism that is viscous friction.
     pub(super) fn doubt(&mut self, theta: &DVector<f64>, common: f64, plain: &DMatrix<f64>) {
@@ -120,11 +126,17 @@ impl Together {
     }
 }
 
+fn at_same_bounds(ours: &[f64], plain: &[f64]) -> bool {
+    ours.iter()
+        .zip(plain)
+        .all(|(a, b)| (*a == 0.0) == (*b == 0.0))
+}
+
 /// Whether the product of the variances of inertia and friction is smaller in the first than in the second, both being at the same
 /// bounds: what a parameter at its bound scatters has no place in the comparison.
 fn more_certain(theta: [&DVector<f64>; 2], covariance: [&DMatrix<f64>; 2]) -> bool {
     let [ours, plain] = theta;
-    let at_same_bounds = (ours.iter().zip(plain.iter())).all(|(a, b)| (*a == 0.0) == (*b == 0.0));
+    let at_same_bounds = at_same_bounds(ours.as_slice(), plain.as_slice());
     let [of_ours, of_plain] = covariance;
     let ratio: f64 = (0..RIGID)
         .filter(|j| ours[*j] != 0.0)
@@ -160,11 +172,6 @@ pub(super) fn fit(
     problem.solve()
 }
 
-/// The effects, found on `motion`, with their shapes moved by `steps`.
-pub(super) fn moved(motion: &Motion, effects: &[&dyn Effect], steps: &[f64]) -> Moves {
-    Shapes::of(effects, motion).moved(effects, motion, steps)
-}
-
 struct Problem<'a> {
     motion: &'a Motion,
     effects: &'a [&'a dyn Effect],
@@ -197,10 +204,18 @@ struct Place {
     theta: DVector<f64>,
     /// With the parameters.
     mechanism: SplineMechanism,
-    /// Regressors of the effects, unfiltered.
-    series: Vec<Vec<f64>>,
-    /// The effects with their shapes there, and what these do.
-    moves: Moves,
+    /// The effects with their shapes there.
+    moved: Moved,
+    /// Regressors of each of them, unfiltered.
+    series: Vec<Vec<Vec<f64>>>,
+}
+
+/// What the effort changes by at a place, at each sample.
+struct Slopes {
+    /// Per change of the coordinate, the velocity and the acceleration; where the effort counts, and without the inertia's.
+    by_state: Vec<[f64; 3]>,
+    /// Per step of each shape.
+    by_shape: Vec<Vec<f64>>,
 }
 
 impl<'a> Problem<'a> {
@@ -236,7 +251,6 @@ impl<'a> Problem<'a> {
             .select_rows(&chosen)
             .select_columns(&chosen)
             * (used.len() as f64 / motion.kept.len().max(1) as f64);
-        let sensor = upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE);
         // Beside a mechanism a shape is nothing that data show.
         let shapes = if columns > linear {
             Shapes::default()
@@ -245,10 +259,6 @@ impl<'a> Problem<'a> {
         };
         let count = start.len() + shapes.len();
         penalty = penalty.resize(count, count, 0.0);
-        for (k, loose) in shapes.looseness().enumerate() {
-            let at = start.len() + k;
-            penalty[(at, at)] = (sensor / loose).powi(2);
-        }
         start.resize(count, 0.0);
         bounds.resize(count, Bound::Free);
         let position = position_equations(motion, &curve, &colour);
@@ -267,7 +277,7 @@ impl<'a> Problem<'a> {
             colour,
             position,
             used,
-            sensor,
+            sensor: upper_band(motion, &motion.tau).max(f64::MIN_POSITIVE),
             start: DVector::from_vec(start),
             taken_off,
         })
@@ -357,24 +367,15 @@ impl<'a> Problem<'a> {
     fn place(&self, x: &[f64], theta: &DVector<f64>) -> Result<Place, MotionError> {
         let motion = self.along(x);
         let steps = self.steps(theta);
-        let mut moves = self
+        let moved = self
             .shapes
             .moved(self.effects, self.motion, steps.as_slice());
-        let series = self.series(&moves, &motion)?;
-        let terms: Vec<usize> = series.iter().map(Vec::len).collect();
-        let series = series.into_iter().flatten().collect();
-        moves.derive(
-            (&self.shapes, self.effects),
-            self.motion,
-            &motion,
-            (theta, &terms),
-        )?;
         Ok(Place {
+            series: self.series(&moved, &motion)?,
             motion,
             theta: theta.clone(),
             mechanism: self.mechanism_with(theta),
-            series,
-            moves,
+            moved,
         })
     }
 
@@ -416,24 +417,34 @@ impl<'a> Problem<'a> {
         motion.with_effort(tau)
     }
 
-    /// Regressors of each effect, with its shape as in `moves`.
-    fn series(&self, moves: &Moves, motion: &Motion) -> Result<Vec<Vec<Vec<f64>>>, MotionError> {
-        let effects = moves.effects(self.effects);
+    /// Regressors of each effect, moved.
+    fn series(&self, moved: &Moved, motion: &Motion) -> Result<Vec<Vec<Vec<f64>>>, MotionError> {
+        let effects = moved.effects(self.effects);
         effects.map(|effect| effect.series(motion)).collect()
     }
 
-    /// Change of the effort per change of the coordinate, the velocity and the acceleration, at each sample whose effort counts,
-    /// without the inertia's.
-    fn slopes(
+    fn slopes(&self, place: &Place) -> Result<Slopes, MotionError> {
+        let terms: Vec<usize> = place.series.iter().map(Vec::len).collect();
+        let by_shape = self.shapes.derivatives(
+            (self.effects, &terms),
+            (self.motion, &place.motion),
+            &place.theta,
+        )?;
+        let by_state = self.slopes_by_state(place)?;
+        Ok(Slopes { by_state, by_shape })
+    }
+
+    fn slopes_by_state(
         &self,
         Place {
             motion,
             theta,
             mechanism,
             series,
-            moves,
+            moved: effects,
         }: &Place,
     ) -> Result<Vec<[f64; 3]>, MotionError> {
+        let series: Vec<&Vec<f64>> = series.iter().flatten().collect();
         let domain = &mechanism.domain;
         let most = motion
             .ddq
@@ -461,9 +472,9 @@ impl<'a> Problem<'a> {
             if series.len() <= first {
                 continue;
             }
-            let moved = self.series(moves, &moved)?;
+            let moved = self.series(effects, &moved)?;
             for (j, moved) in moved.iter().flatten().enumerate().skip(first) {
-                for (out, (a, b)) in out.iter_mut().zip(moved.iter().zip(&series[j])) {
+                for (out, (a, b)) in out.iter_mut().zip(moved.iter().zip(series[j])) {
                     out[k] += theta[j] * (a - b) / small;
                 }
             }
@@ -472,7 +483,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The effort's equations near a place with unit noise, of those samples that are near wanted ones of the fit.
-    fn effort(&self, place: &Place, slopes: &[[f64; 3]], wanted: impl Fn(usize) -> bool) -> Arrow {
+    fn effort(&self, place: &Place, slopes: &Slopes, wanted: impl Fn(usize) -> bool) -> Arrow {
         let mut out = self.position.with_params(place.theta.len());
         let used = self.used.iter().filter(|(_, near)| wanted(*near));
         self.effort_rows(
@@ -491,7 +502,7 @@ impl<'a> Problem<'a> {
         &self,
         samples: impl Iterator<Item = usize>,
         places: &[(usize, &Weights)],
-        (place, slopes): (&Place, &[[f64; 3]]),
+        (place, slopes): (&Place, &Slopes),
         mut row: impl FnMut(usize, &[f64], &[(usize, f64)], f64),
     ) {
         let Place {
@@ -499,8 +510,9 @@ impl<'a> Problem<'a> {
             theta,
             mechanism,
             series,
-            moves,
+            ..
         } = place;
+        let series: Vec<&Vec<f64>> = series.iter().flatten().collect();
         let first_step = theta.len() - self.shapes.len();
         let mut params: Vec<(usize, f64)> = Vec::with_capacity(series.len() + MOST_SPLINES);
         for i in samples {
@@ -516,11 +528,11 @@ impl<'a> Problem<'a> {
                 }
             }
             let mut moved = 0.0;
-            for (k, derivative) in moves.derivatives.iter().enumerate() {
+            for (k, derivative) in slopes.by_shape.iter().enumerate() {
                 params.push((first_step + k, derivative[i]));
                 moved += derivative[i] * theta[first_step + k];
             }
-            let [by_q, by_dq, by_ddq] = slopes[i];
+            let [by_q, by_dq, by_ddq] = slopes.by_state[i];
             let by = [by_q, by_dq, by_ddq + theta[0] + self.motion.tool_inertia];
             let curve: [f64; LOCAL] =
                 core::array::from_fn(|j| (0..3).map(|k| by[k] * weights[k][j]).sum());
@@ -530,16 +542,21 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// The equations of both series, and what is known of the shapes beforehand.
     fn whole(&self, effort: Arrow, noise: f64) -> Option<Eliminated> {
-        effort
-            .weighted_beside(1.0 / (noise * noise), &self.position)
-            .eliminate()
+        let mut both = effort.weighted_beside(1.0 / (noise * noise), &self.position);
+        let first = both.corner.nrows() - self.shapes.len();
+        for (k, loose) in self.shapes.looseness().enumerate() {
+            both.corner[(first + k, first + k)] += loose.powi(-2);
+        }
+        both.eliminate()
     }
 
     /// The effort's noise with which both series are likeliest, the curve and the parameters integrated out.
     fn likeliest_noise(&self, effort: &Arrow, before: &DVector<f64>) -> Option<f64> {
         // The mechanism's smoothness is stated in units of the noise too.
-        let samples = (self.used.len() + self.start.len() - self.linear) as f64;
+        let smoothed = self.start.len() - self.linear - self.shapes.len();
+        let samples = (self.used.len() + smoothed) as f64;
         let surprise = |noise: f64| {
             let eliminated = self.whole(effort.clone(), noise)?;
             let theta = self.minimum(&eliminated, before);
@@ -581,21 +598,23 @@ impl<'a> Problem<'a> {
         let solved = |h: &DMatrix<f64>, right: &DVector<f64>| {
             bounded_quadratic(h, right, &self.bounds, Some(&warm)).component_div(&scale)
         };
-        let theta = solved(&h, &right);
-        let first = theta.len() - self.shapes.len();
-        let beyond = self.shapes.beyond(&theta.as_slice()[first..]);
-        if beyond.is_empty() {
-            return theta;
-        }
-        // What goes with a shape that is at its limit is sought anew.
-        let (mut h, mut right) = (h, right);
-        for &(k, limit) in &beyond {
-            let j = first + k;
-            h[(j, j)] += FIXED;
-            right[j] += FIXED * limit * scale[j];
-        }
         let mut theta = solved(&h, &right);
-        for (k, limit) in beyond {
+        let first = theta.len() - self.shapes.len();
+        let (mut h, mut right) = (h, right);
+        // What goes with a shape that is held at its limit is sought anew, which may take another one to its own.
+        for _ in 0..self.shapes.len() {
+            let beyond = self.shapes.beyond(&theta.as_slice()[first..]);
+            if beyond.is_empty() {
+                break;
+            }
+            for (k, limit) in beyond {
+                let j = first + k;
+                h[(j, j)] += FIXED;
+                right[j] += FIXED * limit * scale[j];
+            }
+            theta = solved(&h, &right);
+        }
+        for (k, limit) in self.shapes.beyond(&theta.as_slice()[first..]) {
             theta[first + k] = limit;
         }
         theta
@@ -609,6 +628,7 @@ impl<'a> Problem<'a> {
                 let effects: f64 = place
                     .series
                     .iter()
+                    .flatten()
                     .zip(place.theta.iter())
                     .map(|(series, theta)| series[i] * theta)
                     .sum();
@@ -622,7 +642,7 @@ impl<'a> Problem<'a> {
     /// parts could be left out.
     fn held_out(
         &self,
-        (place, slopes): (&Place, &[[f64; 3]]),
+        (place, slopes): (&Place, &Slopes),
         all: &Eliminated,
         noise: f64,
     ) -> Result<Option<f64>, MotionError> {

@@ -1,6 +1,6 @@
 //! Effects with their shapes, motion and dynamics fitted together.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::design::Design;
 use super::joint::{self, JointFit, Together};
@@ -11,8 +11,8 @@ use crate::motion::Motion;
 
 /// Effects with their shapes, fitted together with the motion.
 pub(crate) struct Shaped {
-    /// With the parameters, its residual that along the smoothed motion, as its error on held-out strokes.
-    pub(crate) model: EffortModel,
+    /// Parameters of the effects.
+    pub(crate) theta: DVector<f64>,
     /// Steps by which the shapes were moved, effect by effect.
     pub(crate) steps: Vec<f64>,
     /// Of the parameters and these steps.
@@ -23,48 +23,67 @@ pub(crate) struct Shaped {
     pub(crate) fit: JointFit,
 }
 
-/// Fits the parameters of `effects` and their shapes together with the motion, without a mechanism; nothing where that does not come to rest, where a
-/// shape goes to its limit, or where held-out strokes are foretold no better than along the smoothed motion.
+/// Fits the parameters of `effects`, which are those of `plain`, and their shapes together with the motion, without a mechanism. Nothing where that does
+/// not come to rest, where a shape goes to its limit or inertia or friction to another bound than in `plain`, where it is not known how uncertain it is, or
+/// where held-out strokes are foretold no better than along the smoothed motion.
 ///
 /// # Errors
 /// [`DynamicsError`].
 pub(crate) fn fit_shapes(
     motion: &Motion,
     effects: &[&dyn Effect],
+    plain: &EffortModel,
 ) -> Result<Option<Shaped>, DynamicsError> {
     let design = Design::new(motion, effects, None)?;
     let smoothing = [0.0; 2];
-    let (theta, mechanism) = (design.solve(&smoothing), SplineMechanism::over(motion));
-    let plain = joint::Plain {
-        theta: theta.as_slice(),
+    let mechanism = SplineMechanism::over(motion);
+    let start = joint::Plain {
+        theta: plain.theta.as_slice(),
         mechanism: &mechanism,
         design: &design,
         smoothing: &smoothing,
     };
     let held_out_rms = design.held_out(&smoothing);
     let is_better = |one: &Together| {
-        let limits = effects.iter().flat_map(|effect| effect.freedom(motion));
-        let mut within = limits.zip(&one.steps);
-        let at_rest =
-            one.converged && within.all(|([low, high], step)| low < *step && *step < high);
-        at_rest && one.fit.held_out_rms <= held_out_rms
+        let limits = effects
+            .iter()
+            .flat_map(|effect| effect.shape_limits(motion));
+        // One that began at its limit may stay there.
+        let inside =
+            |([low, high], step): ([f64; 2], &f64)| *step == 0.0 || low < *step && *step < high;
+        one.converged
+            && limits.zip(&one.steps).all(inside)
+            && one.has_bounds_of(&plain.theta)
+            && one.covariance.iter().all(|v| v.is_finite())
+            && one.fit.held_out_rms <= held_out_rms
     };
-    let Some(together) = joint::fit(motion, effects, &plain)?.filter(is_better) else {
-        return Ok(None);
-    };
-    let moved = joint::moved(motion, effects, &together.steps);
-    let moved: Vec<&dyn Effect> = moved.effects(effects).collect();
-    let (theta, params) = (&together.theta, together.theta.len());
-    let own = together.covariance.view((0, 0), (params, params));
-    let design = Design::new(motion, &moved, None)?;
-    Ok(Some(Shaped {
-        model: design.model(theta.as_slice(), own.into_owned(), None, held_out_rms),
-        steps: together.steps,
-        covariance: together.covariance,
-        lowest: together.lowest,
-        fit: JointFit {
-            stands: true,
-            ..together.fit
-        },
+    let together = joint::fit(motion, effects, &start)?.filter(is_better);
+    Ok(together.map(|mut together| {
+        together.doubt(&plain.theta, 0.0, &plain.covariance);
+        Shaped {
+            theta: together.theta,
+            steps: together.steps,
+            covariance: together.covariance,
+            lowest: together.lowest,
+            fit: JointFit {
+                stands: true,
+                ..together.fit
+            },
+        }
     }))
+}
+
+/// The model of `effects` with these parameters, their covariance, and the error on held-out strokes that the effects have along the smoothed motion.
+///
+/// # Errors
+/// [`DynamicsError`].
+pub(crate) fn model_with(
+    motion: &Motion,
+    effects: &[&dyn Effect],
+    theta: &DVector<f64>,
+    covariance: DMatrix<f64>,
+) -> Result<EffortModel, DynamicsError> {
+    let design = Design::new(motion, effects, None)?;
+    let held_out_rms = design.held_out(&[0.0; 2]);
+    Ok(design.model(theta.as_slice(), covariance, None, held_out_rms))
 }

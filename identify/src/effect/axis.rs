@@ -15,6 +15,7 @@ use crate::screw::JointKind;
 pub const AXIS_OFFSET: Kind = Kind {
     name: "axis_offset",
     belongs: Belongs::Recording,
+    equation: "the axis is aside by (first, second) (1 - cos(pi u)) / 2, u = (q - from) / range",
     terms: &[
         ("first", Unit::Length, Free),
         ("second", Unit::Length, Free),

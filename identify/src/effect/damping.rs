@@ -44,6 +44,7 @@ fn zone(shape: &[f64]) -> impl Fn(f64, f64) -> [f64; 2] + use<> {
 pub const ZONE: Kind = Kind {
     name: "damping_zone",
     belongs: Belongs::Object,
+    equation: "tau = damping dq between from and to, setting in over edge; direction = 1: only as q grows, -1: only as it falls; above the speed relief it grows by beyond",
     terms: &[
         ("damping", Unit::Viscous, NonNegative),
         ("beyond", Unit::Viscous, NonNegative),
@@ -94,6 +95,7 @@ pub const ZONE: Kind = Kind {
 pub const ASYMMETRIC: Kind = Kind {
     name: "asymmetric_viscous",
     belongs: Belongs::Object,
+    equation: "tau = damping dq; direction = 1: only as q grows, -1: only as it falls",
     terms: &[("damping", Unit::Viscous, NonNegative)],
     shape: &[("direction", Unit::One, Search::Fixed)],
     variable: Variable::Dq,
@@ -107,6 +109,7 @@ pub const ASYMMETRIC: Kind = Kind {
 pub const QUADRATIC: Kind = Kind {
     name: "quadratic_drag",
     belongs: Belongs::Object,
+    equation: "tau = drag dq |dq|",
     terms: &[("drag", Unit::Drag, NonNegative)],
     shape: &[],
     variable: Variable::Dq,

@@ -8,6 +8,7 @@ use crate::samples::quantile;
 pub const ASYMMETRIC: Kind = Kind {
     name: "asymmetric_coulomb",
     belongs: Belongs::Object,
+    equation: "tau = coulomb sgn(dq); direction = 1: only as q grows, -1: only as it falls",
     terms: &[("coulomb", Unit::Effort, NonNegative)],
     shape: &[("direction", Unit::One, Search::Fixed)],
     variable: Variable::Dq,
@@ -24,6 +25,7 @@ pub const ASYMMETRIC: Kind = Kind {
 pub const STRIBECK: Kind = Kind {
     name: "stribeck",
     belongs: Belongs::Object,
+    equation: "tau = extra sgn(dq) / (1 + (dq / speed)^2)",
     terms: &[("extra", Unit::Effort, NonNegative)],
     shape: &[("speed", Unit::Speed, Search::Factor(1.8))],
     variable: Variable::Dq,
@@ -50,6 +52,7 @@ fn usual_speed(scope: &Scope<'_>) -> f64 {
 /// # Source
 /// As [`STRIBECK`], which has both.
 pub const STRIBECK_FADING: Kind = Kind {
+    equation: "tau = extra sgn(dq) exp(-(|dq| / speed)^power)",
     shape: &[
         ("speed", Unit::Speed, Search::Factor(1.4)),
         ("power", Unit::One, Search::Fixed),
@@ -74,6 +77,7 @@ fn fading(shape: &[f64], dq: f64) -> f64 {
 pub const STICTION: Kind = Kind {
     name: "stiction",
     belongs: Belongs::Object,
+    equation: "coulomb + extra to break away from rest",
     terms: &[],
     shape: &[("extra", Unit::Effort, Search::Fixed)],
     variable: Variable::SinceReversal,
@@ -91,6 +95,7 @@ fn grown(shape: &[f64], q: f64) -> f64 {
 pub const POSITION_DEPENDENT: Kind = Kind {
     name: "position_dependent_friction",
     belongs: Belongs::Object,
+    equation: "tau = growth sgn(dq) ((q - from) / range)^power",
     terms: &[("growth", Unit::Effort, Free)],
     shape: &[
         ("power", Unit::One, Search::Factor(1.4)),
@@ -111,6 +116,7 @@ pub const POSITION_DEPENDENT: Kind = Kind {
 
 /// `tau = growth sgn(dq) exp(-u^2 / 2)`, `u = (q - centre) / width`, `growth >= 0`: a rail that binds at a place.
 pub const AT_A_PLACE: Kind = Kind {
+    equation: "tau = growth sgn(dq) exp(-u^2 / 2), u = (q - centre) / width",
     terms: &[("growth", Unit::Effort, NonNegative)],
     shape: &[
         ("centre", Unit::Position, Search::Way(0.05)),
@@ -145,6 +151,7 @@ fn bump(shape: &[f64], q: f64) -> f64 {
 pub const DRIFT: Kind = Kind {
     name: "friction_drift",
     belongs: Belongs::Recording,
+    equation: "tau = extra sgn(dq) exp(-t / time); coulomb is that at the end",
     terms: &[("extra", Unit::Effort, Free)],
     shape: &[("time", Unit::Time, Search::Factor(1.8))],
     variable: Variable::Time,

@@ -129,6 +129,8 @@ pub struct Kind {
     pub name: &'static str,
     /// Object or recording.
     pub belongs: Belongs,
+    /// What it adds to the effort, by the names of its terms and shape parameters, for those who read a report.
+    pub equation: &'static str,
     /// Linear terms, one per regressor.
     pub terms: &'static [TermOf],
     /// Shape parameters.

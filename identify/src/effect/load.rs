@@ -10,6 +10,7 @@ use crate::screw::JointKind;
 pub const CONSTANT_LOAD: Kind = Kind {
     name: "constant_load",
     belongs: Belongs::Recording,
+    equation: "tau = load",
     terms: &[("load", Unit::Effort, Free)],
     shape: &[],
     variable: Variable::Q,
@@ -23,6 +24,7 @@ pub const CONSTANT_LOAD: Kind = Kind {
 pub const SPRING: Kind = Kind {
     name: "spring",
     belongs: Belongs::Object,
+    equation: "tau = preload + stiffness q",
     terms: &[
         ("stiffness", Unit::Stiffness, NonNegative),
         ("preload", Unit::Effort, Free),
@@ -54,6 +56,7 @@ fn strut(shape: &[f64], q: f64) -> [f64; 2] {
 pub const STRUT: Kind = Kind {
     name: SPRING.name,
     belongs: Belongs::Object,
+    equation: "tau = stiffness sin p + pull ratio sin p / sqrt(1 + ratio^2 - 2 ratio cos p), p = q + angle",
     terms: &[
         ("stiffness", Unit::Effort, NonNegative),
         ("pull", Unit::Effort, Free),
@@ -91,6 +94,7 @@ pub const STRUT: Kind = Kind {
 pub const GRAVITY: Kind = Kind {
     name: "gravity",
     belongs: Belongs::Object,
+    equation: "tau = sine sin(q - lowest) + cosine cos(q - lowest)",
     terms: &[("sine", Unit::Effort, Free), ("cosine", Unit::Effort, Free)],
     shape: &[("lowest", Unit::Position, Search::Fixed)],
     variable: Variable::Q,
@@ -127,6 +131,7 @@ fn notch(shape: &[f64], q: f64) -> f64 {
 pub const DETENT: Kind = Kind {
     name: "detent",
     belongs: Belongs::Object,
+    equation: "tau = hold u exp((1 - u^2) / 2), u = (q - centre) / width; round = 1: hold sin(pi u / 2) for |u| < 2",
     terms: &[("hold", Unit::Effort, NonNegative)],
     shape: &[
         ("centre", Unit::Position, Search::Way(0.03)),
@@ -152,24 +157,30 @@ pub const DETENT: Kind = Kind {
     separate: "slow strokes back and forth through the place",
 };
 
-/// A magnet's pull and reach, stated at another closed end than `shape` has, and what each of the two grows by per unit of pull and of reach: the
-/// effort on the near side of both stays.
-pub(crate) fn restated(pull: f64, shape: &mut [f64], closed: f64) -> (f64, [[f64; 2]; 2]) {
+/// A magnet's pull when it is stated at another closed end than `shape` has, which then has that one, and what it grows by per unit of what pull and
+/// reach were: the effort beyond both ends stays. Nothing where the other one lies so far below that the law ends before.
+pub(crate) fn restated(pull: f64, shape: &mut [f64], closed: f64) -> Option<(f64, [f64; 2])> {
     let [own, reach, inverse_square] = shape else {
-        return (pull, [[1.0, 0.0], [0.0, 1.0]]);
+        return None;
     };
     let far = (closed - *own) / *reach;
+    if far < FARTHEST_BELOW {
+        return None;
+    }
     let (left, by_reach, longer) = if *inverse_square > 0.5 {
         let left = (1.0 + far).powi(-2);
         (left, 2.0 * left * far / (1.0 + far), far * *reach)
     } else {
         ((-far).exp(), (-far).exp() * far, 0.0)
     };
-    let slopes = [[left, pull * by_reach / *reach], [0.0, 1.0]];
+    let slopes = [left, pull * by_reach / *reach];
     *own = closed;
     *reach += longer;
-    (pull * left, slopes)
+    Some((pull * left, slopes))
 }
+
+/// A magnet is stated anew at most so far below its closed end, in reaches.
+const FARTHEST_BELOW: f64 = -0.5;
 
 fn pull(shape: &[f64], q: f64) -> f64 {
     let distance = (q - shape[0]).max(0.0);
@@ -185,6 +196,7 @@ fn pull(shape: &[f64], q: f64) -> f64 {
 pub const CATCH: Kind = Kind {
     name: "catch",
     belongs: Belongs::Object,
+    equation: "tau = pull exp(-(q - closed) / reach); inverse_square = 1: pull / (1 + (q - closed) / reach)^2",
     terms: &[("pull", Unit::Effort, NonNegative)],
     shape: &[
         ("closed", Unit::Position, Search::Fixed),
@@ -210,6 +222,7 @@ pub const CATCH: Kind = Kind {
 pub const RIPPLE: Kind = Kind {
     name: "ripple",
     belongs: Belongs::Object,
+    equation: "tau = sine sin(2 pi q / pitch) + cosine cos(2 pi q / pitch)",
     terms: &[("sine", Unit::Effort, Free), ("cosine", Unit::Effort, Free)],
     shape: &[("pitch", Unit::Position, Search::Factor(1.02))],
     variable: Variable::Q,
@@ -238,24 +251,26 @@ mod tests {
 
     #[test]
     fn a_magnet_that_is_stated_elsewhere_pulls_as_much() {
-        for inverse_square in [0.0, 1.0] {
+        for (inverse_square, closed) in [(0.0, 0.014), (1.0, 0.014), (0.0, 0.004), (1.0, 0.004)] {
             let shape = [0.01, 0.02, inverse_square];
             let mut moved = shape;
-            let (there, slopes) = restated(6.0, &mut moved, 0.014);
+            let (there, slopes) = restated(6.0, &mut moved, closed).unwrap();
+            assert_eq!(moved[0], closed);
             for q in [0.014, 0.02, 0.05] {
                 let [before, after] = [6.0 * pull(&shape, q), there * pull(&moved, q)];
                 assert!((before - after).abs() < 1e-12, "{before} {after}");
             }
             let mut longer = [0.01, 0.02 + 1e-6, inverse_square];
-            let (by_reach, _) = restated(6.0, &mut longer, 0.014);
-            let (by_pull, _) = restated(6.0 + 1e-6, &mut shape.clone(), 0.014);
-            let numeric = [by_pull, by_reach].map(|moved| (moved - there) / 1e-6);
-            for (slope, numeric) in slopes[0].iter().zip(numeric) {
+            let (by_reach, _) = restated(6.0, &mut longer, closed).unwrap();
+            let (by_pull, _) = restated(6.0 + 1e-6, &mut shape.clone(), closed).unwrap();
+            for (slope, moved) in slopes.iter().zip([by_pull, by_reach]) {
+                let numeric = (moved - there) / 1e-6;
                 assert!(
                     (slope - numeric).abs() < 1e-3 * numeric.abs(),
                     "{slope} {numeric}"
                 );
             }
         }
+        assert!(restated(6.0, &mut [0.01, 0.02, 1.0], -0.015).is_none());
     }
 }

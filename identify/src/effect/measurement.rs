@@ -9,6 +9,7 @@ use crate::least_squares::rms;
 pub const TIME_LAG: Kind = Kind {
     name: "time_lag",
     belongs: Belongs::Recording,
+    equation: "measured tau(t) = tau(t - lag)",
     terms: &[("lag", Unit::Time, Free)],
     shape: &[],
     variable: Variable::Ddq,
@@ -25,6 +26,7 @@ pub const TIME_LAG: Kind = Kind {
 pub const PAYLOAD_SWITCH: Kind = Kind {
     name: "payload_switch",
     belongs: Belongs::Recording,
+    equation: "tau = inertia ddq from the time at on",
     terms: &[("inertia", Unit::Inertia, Free)],
     shape: &[("at", Unit::Time, Search::Seconds(2.0))],
     variable: Variable::Ddq,
@@ -56,6 +58,7 @@ pub const PAYLOAD_SWITCH: Kind = Kind {
 pub const SENSOR_DRIFT: Kind = Kind {
     name: "sensor_drift",
     belongs: Belongs::Recording,
+    equation: "tau = start + rise (1 - exp(-t / time)) / (1 - exp(-whole / time)), whole = the recording's length",
     terms: &[("rise", Unit::Effort, Free), ("start", Unit::Effort, Free)],
     shape: &[("time", Unit::Time, Search::Factor(1.8))],
     variable: Variable::Time,
@@ -84,6 +87,7 @@ pub const SENSOR_DRIFT: Kind = Kind {
 pub const TOOL_MASS: Kind = Kind {
     name: "tool_mass",
     belongs: Belongs::Recording,
+    equation: "mass in front of the sensor that the free air before did not have",
     terms: &[],
     shape: &[("mass", Unit::Mass, Search::Fixed)],
     variable: Variable::Ddq,
@@ -98,6 +102,7 @@ pub const TOOL_MASS: Kind = Kind {
 pub const GRASP_COMPLIANCE: Kind = Kind {
     name: "grasp_compliance",
     belongs: Belongs::Recording,
+    equation: "the object is at q - compliance tau; share = how much of that is seen",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[("compliance", Unit::Compliance, Search::Factor(1.8))],
     variable: Variable::Ddq,

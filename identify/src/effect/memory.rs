@@ -13,6 +13,7 @@ use crate::motion::Motion;
 pub const PRESLIDING: Kind = Kind {
     name: "presliding",
     belongs: Belongs::Object,
+    equation: "tau = coulomb (z - sgn(dq)), dz/dq = (sgn(dq) - z) sgn(dq) / length; stiff = 1: a spring that slides at length",
     terms: &[("coulomb", Unit::Effort, NonNegative)],
     shape: &[
         ("length", Unit::Position, Search::Factor(1.35)),
@@ -67,6 +68,7 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
+    equation: "the object is at q - gap / 2 while the tool pushes and at q + gap / 2 while it pulls; the play is share gap",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
         ("gap", Unit::Position, Search::Factor(1.6)),

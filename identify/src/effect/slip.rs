@@ -29,6 +29,7 @@ const NONE: f64 = -1.0;
 pub const SLIP: Kind = Kind {
     name: "slip",
     belongs: Belongs::Recording,
+    equation: "the tool slid on the handle at the times at_1 ..., by across, across the path",
     terms: &[],
     shape: &[
         ("count", Unit::One, Search::Fixed),

@@ -456,3 +456,22 @@ fn three_passes_show_what_time_does() {
     assert!(!shows(4.2));
     assert!(shows(8.0));
 }
+
+#[test]
+fn a_visit_to_the_low_end_is_one_until_the_motion_has_gone_away() {
+    let mut samples = sine(10.0, 1000.0, 0.4);
+    // Back after a few millimetres, and then closed no further than 20 mm.
+    for i in 3900..4100 {
+        samples.q[i] += 2e-3 * (1.0 - (PI * (i as f64 - 3900.0) / 25.0).cos());
+    }
+    for q in &mut samples.q[7000..9000] {
+        *q = 0.02 + 0.975 * *q;
+    }
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let lowest = motion.visits_to_the_low_end();
+    assert_eq!(lowest.len(), 6, "{lowest:?}");
+    for (k, lowest) in lowest.iter().enumerate() {
+        let there = if k == 4 { 0.02 } else { 0.0 };
+        assert!((lowest - there).abs() < 2e-3, "visit {k} at {lowest}");
+    }
+}

@@ -14,6 +14,8 @@ use crate::screw::JointKind;
 pub struct EffectEntry {
     /// Name from the project's vocabulary.
     pub name: &'static str,
+    /// What it adds to the effort, by the names of these numbers.
+    pub equation: &'static str,
     /// Terms and shape parameters.
     pub terms: Vec<Term>,
     /// How many of them are terms: they come first.
@@ -137,6 +139,7 @@ fn entry(
     let confirm = analysis.confirmed.iter();
     EffectEntry {
         name: effect.found.kind.name,
+        equation: effect.found.kind.equation,
         terms,
         fitted: effect.found.terms().count(),
         spread: effect.spread.clone(),

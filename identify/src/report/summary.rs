@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::Report;
 use super::effects::EffectEntry;
 use crate::analysis::Verdict;
+use crate::digits::{figure, with_std};
 use crate::screw::JointKind;
 
 impl Report {
@@ -120,7 +121,12 @@ impl Report {
         if let Some(lag) = self.lag.filter(|lag| lag.applied) {
             let _ = writeln!(
                 out,
-                "lag        the wrench is {:.1} ms late; taken out",
+                "lag        the {} is {:.1} ms late; taken out",
+                if joint.axis_direction.is_some() {
+                    "wrench"
+                } else {
+                    "effort"
+                },
                 lag.value_s * 1e3
             );
         }
@@ -316,26 +322,6 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
     }
 }
 
-/// `value ± std` with as many digits as the standard deviation deserves: at most six decimals, or three digits of a smaller value.
-#[must_use]
-pub fn with_std(value: f64, std: f64) -> String {
-    let size = if value == 0.0 { 1.0 } else { value.abs() };
-    let most = (2.0 - size.log10().floor()).clamp(6.0, 12.0);
-    let digits = if std > 0.0 {
-        (1.0 - std.log10().floor()).clamp(0.0, most) as usize
-    } else {
-        3
-    };
-    format!("{value:.digits$} ± {std:.digits$}")
-}
-
-/// Three decimals, and three digits at least.
-pub(super) fn figure(value: f64) -> String {
-    let size = if value == 0.0 { 1.0 } else { value.abs() };
-    let digits = (2.0 - size.log10().floor()).clamp(3.0, 6.0) as usize;
-    format!("{value:.digits$}")
-}
-
 /// An error on a confirming recording that falls by less says nothing for an effect.
 const LEAST_FALL: f64 = 0.01;
 
@@ -374,14 +360,6 @@ mod tests {
             spread: DMatrix::from_diagonal(&DVector::from_iterator(of.len(), variances)),
             ..EffectEntry::default()
         }
-    }
-
-    #[test]
-    fn digits_are_those_that_the_standard_deviation_deserves() {
-        assert_eq!(with_std(1.999_999_68, 5.7e-7), "2.000000 ± 0.000001");
-        assert_eq!(with_std(2.0e-5, 3.1e-6), "0.0000200 ± 0.0000031");
-        assert_eq!(with_std(123.4, 12.0), "123 ± 12");
-        assert_eq!(with_std(0.0, 0.25), "0.00 ± 0.25");
     }
 
     #[test]

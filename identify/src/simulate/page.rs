@@ -62,7 +62,12 @@ document.getElementById('play').onclick=()=>{{start=null;requestAnimationFrame(s
 pub fn said(swing: &Swing, scale: f64, unit: &str) -> String {
     let mut text = match swing.end {
         End::Arrived { time, speed } => {
-            format!("arrives after {time:.3} s at {:.3} {unit}/s", scale * speed)
+            let there = swing.q.last().copied().unwrap_or(f64::NAN);
+            format!(
+                "arrives at {:.3} {unit} after {time:.3} s, at {:.3} {unit}/s",
+                scale * there,
+                scale * speed
+            )
         }
         End::Held { time: 0.0, q } => {
             format!("stays at {:.3} {unit}: dry friction holds it", scale * q)

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use super::super::left_out::{LeftOut, blocks};
 use super::arrow::Eliminated;
 use super::position::position_rows;
-use super::{Place, Problem, held};
+use super::{Place, Problem, Slopes, held};
 
 /// What all stretches have wrong alike (the mechanism's form, the axis, clocks that drift apart) moves the parameters and does not scatter.
 /// The standard deviations of all but the inertia are so many times what scatters, as friction in simulated recordings asks for (`study`, 40
@@ -88,7 +88,7 @@ impl Problem<'_> {
     /// Covariance of the effects' parameters, and of the steps of their shapes where these are fitted, at the minimum of `all`; what of the mechanism is at a bound stays there, as in the plain fit.
     pub(super) fn covariance(
         &self,
-        at: (&Place, &[[f64; 3]]),
+        at: (&Place, &Slopes),
         all: Eliminated,
         noise: f64,
         at_bound: &[bool],
@@ -139,8 +139,8 @@ impl Problem<'_> {
         // What is known of a step beforehand does not scatter with the data either.
         if let (true, Some(factor)) = (!self.shapes.is_empty(), corner.clone().cholesky()) {
             let inverse = factor.inverse();
-            for j in self.linear..own {
-                let known = self.penalty[(j, j)] / (noise * scale[j]).powi(2);
+            for (j, loose) in (self.linear..).zip(self.shapes.looseness()) {
+                let known = (loose * scale[j]).powi(-2);
                 let moved = inverse.view((0, j), (own, 1));
                 out += known * moved * moved.transpose();
             }
