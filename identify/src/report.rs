@@ -211,7 +211,7 @@ pub struct Final {
     pub rank: Option<usize>,
     /// Against what the residual of the named model stands.
     pub structure: Vec<Structure>,
-    /// The model of I, mu, b and the named effects alone, without the mechanism: the verdict is about it.
+    /// The model of I, mu, b and the named effects alone, without the mechanism: the verdict is about it. Nothing where nobody looked for effects.
     pub named: Option<NamedModel>,
 }
 
@@ -362,11 +362,16 @@ impl Report {
             condition: Some(full.condition),
             rank: Some(full.rank),
             structure: analysis.structure.clone(),
-            named: Some(NamedModel {
+            named: analysis.diagnosis.as_ref().map(|diagnosis| NamedModel {
                 rms: analysis.named.rms,
                 relative_error: analysis.named.relative_error,
                 held_out_rms: analysis.named.held_out_rms,
-                aliases: effects::ALIASES.to_vec(),
+                // A table has no tool.
+                aliases: if diagnosis.is_table {
+                    Vec::new()
+                } else {
+                    effects::ALIASES.to_vec()
+                },
             }),
         };
         (self.effects, self.refused) = effects::entries(analysis);

@@ -164,8 +164,12 @@ impl Report {
             }
             out.push('\n');
         }
-        if self.effects.is_empty() && self.last.named.is_some() {
-            let _ = writeln!(out, "lacked     nothing that the library has a name for");
+        let nothing = match self.last.named {
+            Some(_) => "nothing that the library has a name for",
+            None => "not looked for: a recipe is fitted as it was published",
+        };
+        if self.effects.is_empty() && self.base.held_out_rms.is_some() {
+            let _ = writeln!(out, "lacked     {nothing}");
         }
         out
     }
