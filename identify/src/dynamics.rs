@@ -29,6 +29,7 @@ use crate::lag::{self, FAR_S, Lag};
 use crate::least_squares::{Bound, FitError, bounded_least_squares, effective_count, rms};
 use crate::mechanism::SplineMechanism;
 use crate::motion::{Motion, MotionError, MotionSettings};
+use crate::parallel::in_parallel;
 use crate::samples::JointSamples;
 use attenuation::Taken;
 use design::{Design, LOAD_GRID, MIDDLING};
@@ -176,19 +177,23 @@ fn fit_full(
     let folds = design.fold_normals();
     let effort = rms(parametric.tau.as_slice());
     let least = |held_out_rms: f64| DAMPED_ABOVE.max(SEEN_ABOVE * held_out_rms / effort);
-    let behind_valves = |design: &Design, smoothing: &[f64; 2]| {
+    let behind_valves = |solution: &DVector<f64>| {
         let mut surfaces = mechanism.clone();
-        surfaces.set(&design.solve(smoothing).as_slice()[design.params..]);
+        surfaces.set(&solution.as_slice()[parametric.params..]);
         Valved::fit(&parametric, motion, &surfaces)
     };
     // Valves that foretell far better than surfaces of some smoothings are taken without a search for the best one.
     let mut smoothing = MIDDLING;
-    let mut held_out_rms = design.held_out_of(&folds, &smoothing, None);
-    let mut valved = (design.damping_share(&smoothing) > least(held_out_rms))
-        .then(|| behind_valves(&design, &smoothing));
+    let surfaces = design.solve(&smoothing);
+    let warm: Vec<bool> = surfaces.iter().map(|v| *v != 0.0).collect();
+    let mut held_out_rms = design.held_out_of(&folds, &smoothing, Some(&warm));
+    let mut valved = (design.damping_share(surfaces.clone()) > least(held_out_rms))
+        .then(|| behind_valves(&surfaces));
     let far_better = |(valved, _): &(Valved, Design)| {
         let tried = [valved.smoothing[0], LOAD_GRID[0]].map(|load| [load, MIDDLING[1]]);
-        let surfaces = tried.map(|tried| design.held_out_of(&folds, &tried, None));
+        let surfaces = in_parallel(&tried, |tried| {
+            design.held_out_of(&folds, tried, Some(&warm))
+        });
         let least = surfaces.into_iter().fold(held_out_rms, f64::min);
         valved.held_out_rms < FAR_BELOW * least
     };
@@ -202,14 +207,14 @@ fn fit_full(
             0.0
         } else {
             (smoothing, held_out_rms) = design.choose_smoothing(&folds);
-            let share = design.damping_share(&smoothing);
+            let share = design.damping_share(design.solve(&smoothing));
             if without <= held_out_rms {
                 (design, smoothing, held_out_rms) = (undamped, loaded, without);
             }
             share
         };
         valved = (share > least(held_out_rms))
-            .then(|| valved.unwrap_or_else(|| behind_valves(&design, &smoothing)));
+            .then(|| valved.unwrap_or_else(|| behind_valves(&design.solve(&smoothing))));
     }
     let mut exact = None;
     if let Some((valved, near)) = valved
@@ -273,7 +278,7 @@ fn fit_full(
         }
         together.fit
     });
-    let damped = design.damping_share(&smoothing) > DAMPED_ABOVE;
+    let damped = design.damping_share(solution) > DAMPED_ABOVE;
     let common = mechanism.take_common_damping();
     if let Some(viscous) = design.names.iter().position(|name| *name == "viscous") {
         theta[viscous] += common;

@@ -63,6 +63,8 @@ pub struct OnMotion {
     pub load: DMatrix<f64>,
     /// Functions of the damping that are not zero at each sample, and their values: as many for each sample.
     damping: Vec<(usize, f64)>,
+    /// Effort per coefficient of the damping behind straight valves, filtered too, (kept samples, coefficients of c).
+    straight: DMatrix<f64>,
 }
 
 /// A mechanism's effort as a linear function of its coefficients, near those it has.
@@ -309,47 +311,67 @@ impl SplineMechanism {
             motion.sparse_regressor(&load, self.load.len())
         };
         let dampings = || {
-            let mut damping = Vec::with_capacity(self.functions_at_a_state() * motion.q.len());
-            for (&q, dq) in motion.q.iter().zip(&motion.dq) {
+            let functions = self.functions_at_a_state();
+            let coefficients = self.damping_coefficients[0].len();
+            let mut damping = Vec::with_capacity(functions * motion.q.len());
+            let mut entries = SparseColumns::with_capacity(motion.q.len(), functions);
+            for (&q, &dq) in motion.q.iter().zip(&motion.dq) {
+                let start = usize::from(dq < 0.0) * coefficients;
+                let here = damping.len();
                 damping.extend(self.tensor(q, dq.abs()));
+                entries.push(
+                    damping[here..]
+                        .iter()
+                        .map(|(j, value)| (start + j, value * dq)),
+                );
             }
-            damping
+            let straight = motion.sparse_regressor(&entries, 2 * coefficients);
+            (damping, straight)
         };
-        let (load, damping) = both(loads, dampings);
-        OnMotion { load, damping }
+        let (load, (damping, straight)) = both(loads, dampings);
+        OnMotion {
+            load,
+            damping,
+            straight,
+        }
     }
 
     /// Effort per coefficient near the coefficients it has, filtered like the measured effort; `on` = [`SplineMechanism::on`]
     /// of this motion.
     #[must_use]
     pub fn linearised(&self, motion: &Motion, on: &OnMotion) -> Linearised {
+        if self.valves.iter().all(Valve::is_straight) {
+            return Linearised {
+                damping: on.straight.clone(),
+                rest: vec![0.0; on.straight.nrows()],
+            };
+        }
         let first = self.load.len();
         let total = self.len() - first;
         let bends =
             [0, 2 * self.valves[0].bends.len()].map(|after| self.first_bend() - first + after);
+        // Only behind a bend there is anything else than behind a straight valve.
         let mut entries = SparseColumns::with_capacity(motion.q.len(), self.functions_at_a_state());
         for (here, &dq) in self.functions_at_samples(on).zip(&motion.dq) {
             let closing = usize::from(dq < 0.0);
             let valve = &self.valves[closing];
-            let start = closing * self.damping_coefficients[0].len();
-            let own = |slope: f64| {
-                here.iter()
-                    .map(move |(j, value)| (start + j, slope * value * dq))
-            };
-            if valve.is_straight() {
-                entries.push(own(1.0));
+            let u = self.proportional_of(here.iter().copied(), dq) * dq.abs();
+            if valve.bends.first().is_none_or(|bend| u <= bend.at) {
+                entries.push([]);
                 continue;
             }
-            let u = self.proportional_of(here.iter().copied(), dq) * dq.abs();
+            let start = closing * self.damping_coefficients[0].len();
+            let change = (valve.slope(u) - 1.0) * dq;
+            let own = here.iter().map(|(j, value)| (start + j, change * value));
             let sign = if closing == 1 { -1.0 } else { 1.0 };
-            let bends = bends_of(valve, u, sign, bends[closing], total);
-            entries.push(own(valve.slope(u)).chain(bends));
+            entries.push(own.chain(bends_of(valve, u, sign, bends[closing], total)));
         }
-        let damping = motion.sparse_regressor(&entries, total + 1);
-        Linearised {
-            rest: damping.column(total).iter().copied().collect(),
-            damping: damping.resize_horizontally(total, 0.0),
-        }
+        let mut damping = motion.sparse_regressor(&entries, total + 1);
+        let rest = damping.column(total).iter().copied().collect();
+        damping = damping.resize_horizontally(total, 0.0);
+        let mut linear = damping.columns_mut(0, on.straight.ncols());
+        linear += &on.straight;
+        Linearised { damping, rest }
     }
 
     /// Effort per coefficient of the damping, counted from the first, where the valve is given `u`.

@@ -169,10 +169,8 @@ impl Design {
         Ok(design)
     }
 
-    /// Effort of the damping over the measured effort, both as root mean squares.
-    pub(super) fn damping_share(&self, smoothing: &[f64; 2]) -> f64 {
-        let h = self.penalized(&self.gram, smoothing, 1.0);
-        let mut solution = self.minimum(&h, &self.right, 1.0, None);
+    /// Effort of the damping of a solution over the measured effort, both as root mean squares.
+    pub(super) fn damping_share(&self, mut solution: DVector<f64>) -> f64 {
         for j in 0..solution.len() {
             if j < self.params || self.bounds[j] == Bound::Free {
                 solution[j] = 0.0;
@@ -319,14 +317,13 @@ impl Design {
         let h = h.select_rows(&free).select_columns(&free);
         let residual = &self.tau - &self.y * solution;
         let mut left_out = LeftOut::new(&h, self.params);
-        for block in left_out::blocks(motion) {
+        left_out.leave_out_each(left_out::blocks(motion), |block| {
             let mut rows = self.y.rows_range(block.clone()).select_columns(&free);
             for (&j, mut column) in free.iter().zip(rows.column_iter_mut()) {
                 column /= self.scale[j];
             }
-            left_out.add(&rows, &residual.as_slice()[block]);
-            left_out.leave_out();
-        }
+            (rows, &residual.as_slice()[block])
+        });
         self.unscaled(&left_out.covariance())
     }
 

@@ -24,6 +24,7 @@ use core::ops::Range;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::motion::Motion;
+use crate::parallel::in_parallel;
 use crate::products::{crossed, dot, gram};
 
 type Factor = Cholesky<f64, Dyn>;
@@ -107,28 +108,44 @@ impl<'a> LeftOut<'a> {
 
     /// Leaves out the block of what was added since the last one.
     pub(super) fn leave_out(&mut self) {
-        if let Some(moved) = self.moved() {
-            self.moves
-                .push(moved.column(0).rows(0, self.params).into_owned());
-        }
+        self.moves
+            .extend(self.move_without(&self.gram, &self.asked));
         self.gram.fill(0.0);
         self.asked.fill(0.0);
     }
 
-    /// The move by the block that was added. Nothing where all blocks together do not show every parameter.
-    fn moved(&self) -> Option<DMatrix<f64>> {
+    /// Leaves out one block of samples after the other; `rows` = those of a block, and their residuals.
+    pub(super) fn leave_out_each<'r>(
+        &mut self,
+        blocks: impl Iterator<Item = Range<usize>>,
+        rows: impl Fn(Range<usize>) -> (DMatrix<f64>, &'r [f64]) + Sync,
+    ) {
+        let blocks: Vec<Range<usize>> = blocks.collect();
+        let moves = in_parallel(&blocks, |block| {
+            let (z, residual) = rows(block.clone());
+            let residual = DMatrix::from_column_slice(residual.len(), 1, residual);
+            self.move_without(&gram(&z), &crossed(&z, &residual))
+        });
+        self.moves.extend(moves.into_iter().flatten());
+    }
+
+    /// The move by a block with this normal matrix and these products with the residuals. Nothing where all blocks together do
+    /// not show every parameter.
+    fn move_without(&self, of_block: &DMatrix<f64>, asked: &DMatrix<f64>) -> Option<DVector<f64>> {
         let (whole, known) = self.whole.as_ref()?;
-        let without = |share: f64| (self.h - &self.gram * share).cholesky();
+        let without = |share: f64| (self.h - of_block * share).cholesky();
         let [less, rest] = [without(SHARES[0])?, without(SHARES[1])?];
         // Of what is known, a block that decides the share a leaves 1 - t a without its share t.
         let left = 1.0 - DECIDES * SHARES[1];
         let is_decided = |(known, rest): (&f64, f64)| *known < left * rest;
-        if (known.iter().zip(variances(&rest, self.params))).any(is_decided) {
+        let moved = if (known.iter().zip(variances(&rest, self.params))).any(is_decided) {
             // What only this block shows is not known without it: then it is weighed less instead of left out.
             let rest = without(1.0).filter(|rest| shows_all(rest, whole));
-            return Some(rest.as_ref().unwrap_or(whole).solve(&self.asked));
-        }
-        Some(0.5 * (less.solve(&self.asked) + rest.solve(&self.asked)))
+            rest.as_ref().unwrap_or(whole).solve(asked)
+        } else {
+            0.5 * (less.solve(asked) + rest.solve(asked))
+        };
+        Some(moved.column(0).rows(0, self.params).into_owned())
     }
 
     /// Covariance of the parameters, so that 1.96 standard deviations hold as much as Student's distribution does for so few blocks; of
@@ -183,10 +200,9 @@ pub(crate) fn covariance_of_columns(
     let h = gram(&z) + &known;
     let inverse = h.clone().cholesky()?.inverse();
     let mut left_out = LeftOut::new(&h, free.len());
-    for block in blocks(motion) {
-        left_out.add(&z.rows_range(block.clone()).into_owned(), &residual[block]);
-        left_out.leave_out();
-    }
+    left_out.leave_out_each(blocks(motion), |block| {
+        (z.rows_range(block.clone()).into_owned(), &residual[block])
+    });
     // What was known before is as uncertain as it says; no stretch of the motion moves it.
     let inner = left_out.covariance() + &inverse * known * &inverse * variance;
     let mut out = DMatrix::zeros(columns.len(), columns.len());

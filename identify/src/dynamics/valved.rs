@@ -14,7 +14,7 @@ use super::design::Design;
 use super::design::LEFT;
 use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, OnMotion, SplineMechanism};
-use crate::motion::Motion;
+use crate::motion::{Motion, SparseColumns};
 use crate::parallel::in_parallel;
 use crate::products::crossed;
 
@@ -76,27 +76,31 @@ impl Valved {
         let mut steep = fit.clone();
         steep.mechanism.damp_as_slow(surfaces, motion);
         let bent = in_parallel(&[&fit, &steep], |start| {
-            start.bent(parametric, motion, straight)
+            start.bent(&design, parametric, motion, straight)
         });
-        let bent = bent
+        let best = bent
             .into_iter()
             .flatten()
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((bent, _)) = bent {
-            fit = bent;
+            .min_by(|a, b| a.2.total_cmp(&b.2));
+        if let Some(best) = best {
+            (fit, design, _) = best;
+        } else {
+            design.weigh_as(&fit.mechanism);
         }
+        let again = |fit: &mut Self, count| {
+            let design = fit.design(parametric, motion);
+            fit.steps(parametric, motion, design, count)
+        };
         if fit.drop_slight_bends(parametric, motion) {
-            fit.steps(parametric, motion, 4);
+            design = again(&mut fit, 4);
         }
-        let design = fit.design(parametric, motion);
         (fit.smoothing, _) =
             design.choose_among(&design.fold_normals(), fit.smoothing, [&LOADS, &DAMPINGS]);
-        fit.steps(parametric, motion, 2);
+        design = fit.steps(parametric, motion, design, 2);
         if fit.drop_slight_bends(parametric, motion) {
-            fit.steps(parametric, motion, 2);
+            design = again(&mut fit, 2);
         }
-        fit.steps(parametric, motion, 2);
-        let design = fit.design(parametric, motion);
+        design = fit.steps(parametric, motion, design, 2);
         fit.held_out_rms = fit.held_out(&design, parametric, motion);
         (fit, design)
     }
@@ -134,16 +138,21 @@ impl Valved {
         &parametric.tau - predicted - DVector::from_vec(damping)
     }
 
-    /// Takes `count` steps with the penalties of the damping as it is now.
-    fn steps(&mut self, parametric: &Design, motion: &Motion, count: usize) {
-        let mut design = self.design(parametric, motion);
-        self.step(&design);
-        for _ in 1..count {
-            let penalties = design.penalties;
-            design = self.design(parametric, motion);
-            design.penalties = penalties;
+    /// Takes `count` steps with the penalties of `design`, which is that at the fit, and gives the design at the new one.
+    fn steps(
+        &mut self,
+        parametric: &Design,
+        motion: &Motion,
+        mut design: Design,
+        count: usize,
+    ) -> Design {
+        let penalties = design.penalties.clone();
+        for _ in 0..count {
+            design.penalties.clone_from(&penalties);
             self.step(&design);
+            design = self.design(parametric, motion);
         }
+        design
     }
 
     /// One step.
@@ -185,18 +194,23 @@ impl Valved {
         self.mechanism.set(&x.as_slice()[design.params..]);
     }
 
-    /// The fit with all bends that are worth it, and its squared residual; `square` = that of straight valves. Nothing when
-    /// there is no such bend.
-    fn bent(&self, parametric: &Design, motion: &Motion, mut square: f64) -> Option<(Self, f64)> {
-        let mut best: Option<Self> = None;
+    /// The fit with all bends that are worth it, the design there, and its squared residual; `square` = that of straight
+    /// valves, `straight` = their design. Nothing when there is no such bend.
+    fn bent(
+        &self,
+        straight: &Design,
+        parametric: &Design,
+        motion: &Motion,
+        mut square: f64,
+    ) -> Option<(Self, Design, f64)> {
+        let (mut fit, mut design) = (self.clone(), straight.clone());
+        design.weigh_as(&fit.mechanism);
+        let mut bends = fit.best_bends(&design, motion);
         let mut room = [MOST_BENDS; 2];
-        while room != [0, 0] {
-            let fit = best.as_ref().unwrap_or(self);
-            let design = fit.design(parametric, motion);
-            let bends = fit.best_bends(&design, motion);
-            let found = bends.into_iter().enumerate().filter(|(d, _)| room[*d] > 0);
+        loop {
+            let found = bends.iter().enumerate().filter(|(d, _)| room[*d] > 0);
             let Some((direction, (_, bend))) = found
-                .filter_map(|(direction, bend)| Some((direction, bend?)))
+                .filter_map(|(direction, bend)| Some((direction, (*bend)?)))
                 .max_by(|a, b| a.1.0.total_cmp(&b.1.0))
             else {
                 break;
@@ -209,10 +223,11 @@ impl Valved {
                 continue;
             }
             room[direction] -= 1;
-            square = after;
-            best = Some(bent);
+            (fit, square) = (bent, after);
+            design = fit.design(parametric, motion);
+            bends = fit.best_bends(&design, motion);
         }
-        best.map(|best| (best, square))
+        (!fit.is_straight()).then_some((fit, design, square))
     }
 
     /// The fit with one more bend.
@@ -306,22 +321,13 @@ impl Valved {
         let square = residual.norm_squared();
         let asked = design.y.tr_mul(&residual).select_rows(&free);
         let least = LEAST_BEND * (square / residual.len() as f64).sqrt();
+        let (places, columns) = self.beyond_places(motion, least);
+        let mut first = 0;
         [0, 1].map(|direction| {
-            let efforts = self.proportional_efforts(motion, direction);
-            let most = motion.kept.iter().map(|&i| efforts[i]).fold(0.0, f64::max);
-            let sign = if direction == 0 { 1.0 } else { -1.0 };
             let valve = &self.mechanism.valves[direction];
-            let taken = |at: f64| valve.bends.iter().any(|b| (b.at - at).abs() < 0.15 * b.at);
-            let places: Vec<f64> = (1..PLACES)
-                .map(|k| most * k as f64 / PLACES as f64)
-                .filter(|&at| at > least && !taken(at))
-                .collect();
-            let mut columns = Vec::with_capacity(places.len() * residual.len());
-            for at in &places {
-                let series: Vec<f64> = efforts.iter().map(|u| sign * (u - at).max(0.0)).collect();
-                columns.extend(motion.regressor(&series).ok()?);
-            }
-            let columns = DMatrix::from_vec(residual.len(), places.len(), columns);
+            let places = &places[direction];
+            let columns = columns.columns(first, places.len()).into_owned();
+            first += places.len();
             let products = crossed(&design.y, &columns).select_rows(&free);
             let explained = factor.solve(&products);
             let gains = places.iter().enumerate().filter_map(|(k, &at)| {
@@ -347,14 +353,30 @@ impl Valved {
         valves.all(|valve| valve.is_straight())
     }
 
-    /// What the valve of a direction is given at each sample; 0 in the other direction.
-    fn proportional_efforts(&self, motion: &Motion, direction: usize) -> Vec<f64> {
+    /// Places for a further bend of each direction's valve, above `least`, and for each of them what the valve is given beyond
+    /// it, filtered: those of opening come first.
+    fn beyond_places(&self, motion: &Motion, least: f64) -> ([Vec<f64>; 2], DMatrix<f64>) {
         let efforts = self.mechanism.proportional_efforts(motion, &self.on);
-        let there = |dq: f64| usize::from(dq < 0.0) == direction;
-        let efforts = efforts.into_iter().zip(&motion.dq);
-        efforts
-            .map(|(effort, &dq)| if there(dq) { effort } else { 0.0 })
-            .collect()
+        let closes = |i: usize| usize::from(motion.dq[i] < 0.0);
+        let mut most = [0.0_f64; 2];
+        for &i in &motion.kept {
+            most[closes(i)] = most[closes(i)].max(efforts[i]);
+        }
+        let places = [0, 1].map(|direction| {
+            let bends = &self.mechanism.valves[direction].bends;
+            let taken = |at: f64| bends.iter().any(|b| (b.at - at).abs() < 0.15 * b.at);
+            let all = (1..PLACES).map(|k| most[direction] * k as f64 / PLACES as f64);
+            all.filter(|&at| at > least && !taken(at))
+                .collect::<Vec<f64>>()
+        });
+        let mut entries = SparseColumns::with_capacity(efforts.len(), PLACES);
+        for (i, &u) in efforts.iter().enumerate() {
+            let (first, sign) = [(0, 1.0), (places[0].len(), -1.0)][closes(i)];
+            let passed = places[closes(i)].iter().take_while(|at| u > **at);
+            entries.push((first..).zip(passed.map(|at| sign * (u - at))));
+        }
+        let count = places[0].len() + places[1].len();
+        (places, motion.sparse_regressor(&entries, count))
     }
 
     /// Error on strokes that were left out. The steps without them begin at the whole fit and keep its columns: they are short.
