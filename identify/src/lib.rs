@@ -20,6 +20,7 @@ pub mod effect;
 pub mod effort;
 pub mod error;
 pub mod export;
+mod factor;
 pub mod filter;
 pub mod grasp;
 pub mod joint_graph;

@@ -1,7 +1,7 @@
-//! Work on all processors.
+//! Work on all processors: work within such work takes those that nobody uses.
 
 use core::num::NonZero;
-use core::sync::atomic::{AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicIsize, AtomicUsize, Ordering};
 use std::sync::LazyLock;
 
 /// `f` of each item, in order, on all processors.
@@ -18,6 +18,11 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     let threads = processors().min(most);
     let size = items.len().div_ceil(4 * threads).max(1);
     let chunks: Vec<&[T]> = items.chunks(size).collect();
+    let helpers = (1..threads.min(chunks.len())).map_while(|_| Taken::one());
+    let helpers: Vec<Taken> = helpers.collect();
+    if helpers.is_empty() {
+        return items.iter().map(f).collect();
+    }
     let next = AtomicUsize::new(0);
     let work = || {
         let mut done = Vec::new();
@@ -29,11 +34,14 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
             done.push((index, chunk.iter().map(&f).collect::<Vec<R>>()));
         }
     };
+    let work = &work;
     let mut parts: Vec<(usize, Vec<R>)> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (1..threads.min(chunks.len()))
-            .map(|_| scope.spawn(work))
+        let helpers = helpers.into_iter();
+        let handles: Vec<_> = helpers
+            .map(|taken| scope.spawn(move || taken.by(work)))
             .collect();
         let mut parts = work();
+        let _lent = Lent::begin();
         for handle in handles {
             match handle.join() {
                 Ok(done) => parts.extend(done),
@@ -46,6 +54,22 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     parts.into_iter().flat_map(|(_, done)| done).collect()
 }
 
+/// What `a` and `b` give, run side by side where a processor is free; `b` stays on this thread.
+pub(crate) fn both<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
+    let Some(taken) = Taken::one() else {
+        return (a(), b());
+    };
+    std::thread::scope(|threads| {
+        let a = threads.spawn(|| taken.by(a));
+        let b = b();
+        let _lent = Lent::begin();
+        match a.join() {
+            Ok(a) => (a, b),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    })
+}
+
 /// How many there are: asked once, the answer takes files to be read.
 fn processors() -> usize {
     static COUNT: LazyLock<usize> =
@@ -53,16 +77,50 @@ fn processors() -> usize {
     *COUNT
 }
 
-/// What `a` and `b` give, run side by side; `b` stays on this thread.
-pub(crate) fn both<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
-    std::thread::scope(|threads| {
-        let a = threads.spawn(a);
-        let b = b();
-        match a.join() {
-            Ok(a) => (a, b),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-    })
+/// Processors that nobody here uses; the first caller's own is in use.
+fn free() -> &'static AtomicIsize {
+    static FREE: LazyLock<AtomicIsize> =
+        LazyLock::new(|| AtomicIsize::new(processors().cast_signed() - 1));
+    &FREE
+}
+
+/// A processor that is in use as long as this lives.
+struct Taken;
+
+impl Taken {
+    /// One that was free.
+    fn one() -> Option<Self> {
+        let less = |free: isize| (free > 0).then_some(free - 1);
+        let was = free().fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+        was.is_ok().then_some(Self)
+    }
+
+    /// Does the work on it.
+    fn by<R>(self, work: impl FnOnce() -> R) -> R {
+        work()
+    }
+}
+
+impl Drop for Taken {
+    fn drop(&mut self) {
+        free().fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// The processor of a thread that waits, which others may use as long as this lives.
+struct Lent;
+
+impl Lent {
+    fn begin() -> Self {
+        free().fetch_add(1, Ordering::Relaxed);
+        Self
+    }
+}
+
+impl Drop for Lent {
+    fn drop(&mut self) {
+        free().fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 #[cfg(test)]
@@ -83,6 +141,17 @@ mod tests {
             assert_eq!(squares.len(), items.len());
         }
         assert!(in_parallel(&[], |i: &usize| *i).is_empty());
+    }
+
+    #[test]
+    fn work_within_work_gives_the_same_and_its_panics_are_passed_on() {
+        let items: Vec<usize> = (0..20).collect();
+        let inner = |i: &usize| in_parallel(&items, |j| i * j).into_iter().sum::<usize>();
+        let (sums, again) = both(|| in_parallel(&items, inner), || in_parallel(&items, inner));
+        assert_eq!(sums, (0..20).map(|i| 190 * i).collect::<Vec<_>>());
+        assert_eq!(sums, again);
+        let failed = std::panic::catch_unwind(|| in_parallel(&items, |i| 1 / (i % 7)));
+        assert!(failed.is_err());
     }
 
     #[test]

@@ -438,7 +438,9 @@ impl Design {
         smoothing: &[f64; 2],
         share: f64,
     ) -> DMatrix<f64> {
-        gram + self.penalty(smoothing) * share
+        let mut out = self.penalty(smoothing);
+        out.zip_apply(gram, |penalty, gram| *penalty = gram + *penalty * share);
+        out
     }
 
     /// All penalties, and a trace of ridge that keeps the normal matrix definite where the motion never was.

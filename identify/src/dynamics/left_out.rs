@@ -21,13 +21,12 @@
 
 use core::ops::Range;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
+use crate::factor::Factor;
 use crate::motion::Motion;
 use crate::parallel::in_parallel;
 use crate::products::{crossed, dot, gram};
-
-type Factor = Cholesky<f64, Dyn>;
 
 /// Length of a block, s: a stroke.
 const BLOCK_S: f64 = 2.0;
@@ -60,15 +59,15 @@ fn cut(samples: usize, length: usize) -> impl Iterator<Item = Range<usize>> + us
 
 /// Whether `rest` says of each parameter, beside those before it, at least [`ALONE`] of what `all` say.
 fn shows_all(rest: &Factor, all: &Factor) -> bool {
-    let [rest, all] = [rest, all].map(|factor| factor.l_dirty().diagonal());
-    (rest.iter().zip(all.iter())).all(|(rest, all)| rest * rest >= ALONE * all * all)
+    let mut both = rest.diagonal().zip(all.diagonal());
+    both.all(|(rest, all)| rest * rest >= ALONE * all * all)
 }
 
 /// Variances of the first `params`, the others unknown.
 fn variances(factor: &Factor, params: usize) -> Vec<f64> {
-    let size = factor.l_dirty().nrows();
-    let unit = |j: usize| DVector::from_fn(size, |i, _| f64::from(u8::from(i == j)));
-    (0..params).map(|j| factor.solve(&unit(j))[j]).collect()
+    let units = DMatrix::identity(factor.size(), params);
+    let inverse = factor.solve(&units);
+    (0..params).map(|j| inverse[(j, j)]).collect()
 }
 
 /// Moves of the first parameters by what was left out.
@@ -86,7 +85,7 @@ pub(super) struct LeftOut<'a> {
 impl<'a> LeftOut<'a> {
     /// Of the first `params` that have the normal matrix `h`.
     pub(super) fn new(h: &'a DMatrix<f64>, params: usize) -> Self {
-        let whole = h.clone().cholesky();
+        let whole = Factor::of(h);
         Self {
             h,
             whole: whole.map(|factor| {
@@ -133,7 +132,7 @@ impl<'a> LeftOut<'a> {
     /// not show every parameter.
     fn move_without(&self, of_block: &DMatrix<f64>, asked: &DMatrix<f64>) -> Option<DVector<f64>> {
         let (whole, known) = self.whole.as_ref()?;
-        let without = |share: f64| (self.h - of_block * share).cholesky();
+        let without = |share: f64| Factor::of(&(self.h - of_block * share));
         let [less, rest] = [without(SHARES[0])?, without(SHARES[1])?];
         // Of what is known, a block that decides the share a leaves 1 - t a without its share t.
         let left = 1.0 - DECIDES * SHARES[1];

@@ -8,10 +8,11 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 
 use super::design::Design;
 use super::design::LEFT;
+use crate::factor::Factor;
 use crate::least_squares::{Bound, rms};
 use crate::mechanism::{Bend, OnMotion, SplineMechanism};
 use crate::motion::{Motion, SparseColumns};
@@ -215,29 +216,27 @@ impl Valved {
             else {
                 break;
             };
-            let bent = fit.with_bend(parametric, motion, direction, bend);
-            let after = bent.residual(parametric, motion).norm_squared();
+            let (bent, near, after) = fit.with_bend(parametric, motion, direction, bend);
             let gain = design.tau.len() as f64 * (square / after.max(f64::MIN_POSITIVE)).ln();
             if gain < EVIDENCE {
                 room[direction] = 0;
                 continue;
             }
             room[direction] -= 1;
-            (fit, square) = (bent, after);
-            design = fit.design(parametric, motion);
+            (fit, design, square) = (bent, near, after);
             bends = fit.best_bends(&design, motion);
         }
         (!fit.is_straight()).then_some((fit, design, square))
     }
 
-    /// The fit with one more bend.
+    /// The fit with one more bend, the design there, and its squared residual.
     fn with_bend(
         &self,
         parametric: &Design,
         motion: &Motion,
         direction: usize,
         bend: Bend,
-    ) -> Self {
+    ) -> (Self, Design, f64) {
         let mut bent = self.clone();
         let bends = &mut bent.mechanism.valves[direction].bends;
         bends.push(bend);
@@ -247,24 +246,31 @@ impl Valved {
         for _ in 0..BEND_STEPS {
             let mut next = bent.clone();
             next.step(&design);
-            let mut left = f64::INFINITY;
-            for _ in 0..4 {
-                left = next.residual(parametric, motion).norm_squared();
+            let (mut near, mut left) = next.linearised(parametric, motion);
+            for _ in 1..4 {
                 if left < square {
                     break;
                 }
                 next.back_to(&bent);
+                (near, left) = next.linearised(parametric, motion);
             }
             let slight = left > 0.997 * square;
             if left < square {
-                (bent, square) = (next, left);
+                (bent, design, square) = (next, near, left);
             }
             if slight {
                 break;
             }
-            design = bent.design(parametric, motion);
         }
-        bent
+        (bent, design, square)
+    }
+
+    /// The design at the fit, and the fit's squared residual, which is exact there.
+    fn linearised(&self, parametric: &Design, motion: &Motion) -> (Design, f64) {
+        let design = self.design(parametric, motion);
+        let left = &design.tau - &design.y * self.solution();
+        let square = left.norm_squared();
+        (design, square)
     }
 
     /// Goes two thirds of the way back to `other`.
@@ -307,14 +313,12 @@ impl Valved {
             .filter(|&j| design.bounds[j] == Bound::Free || now[j] > 0.0)
             .collect();
         let part = DMatrix::from_fn(free.len(), free.len(), |i, j| h[(free[i], free[j])]);
-        let Some(factor) = Cholesky::new(part) else {
+        let Some(factor) = Factor::of(&part) else {
             return [None, None];
         };
         let mut x = DVector::zeros(now.len());
-        for (&j, value) in free
-            .iter()
-            .zip(&factor.solve(&design.right.select_rows(&free)))
-        {
+        let right = DMatrix::from_fn(free.len(), 1, |i, _| design.right[free[i]]);
+        for (&j, value) in free.iter().zip(&factor.solve(&right)) {
             x[j] = *value;
         }
         let residual = &design.tau - &design.y * x;

@@ -27,7 +27,7 @@ struct Stretch {
 }
 
 /// Rows of a matrix that are made in one go.
-const TOGETHER: usize = 16;
+const TOGETHER: usize = 32;
 /// Values of a level.
 const WIDTH: usize = 4;
 
@@ -87,27 +87,25 @@ impl SparseColumns {
     pub(super) fn filtered(&self, rows: &Rows, columns: usize) -> DMatrix<f64> {
         let parts: Vec<&[(usize, Range<usize>)]> = rows.places.chunks(TOGETHER).collect();
         let parts = in_parallel(&parts, |part| {
-            let mut out = vec![0.0; part.len() * columns];
-            for ((from, weights), out) in part.iter().zip(out.chunks_exact_mut(columns.max(1))) {
+            let mut row = Row::of(columns);
+            let mut entries = Vec::new();
+            for (k, (from, weights)) in part.iter().enumerate() {
                 let near = self
                     .stretches
                     .partition_point(|one| one.samples.end <= *from);
                 let weights = &rows.weights[weights.clone()];
                 in_vectors(
                     #[inline(always)]
-                    || self.add_weighted(near, *from, weights, out),
+                    || self.add_weighted(near, *from, weights, &mut row),
                 );
+                entries.extend(row.take().map(|(column, value)| (k, column, value)));
             }
-            out
+            entries
         });
-        // A matrix is stored column by column.
         let mut out = DMatrix::zeros(rows.places.len(), columns);
-        for (first, rows) in (0..).step_by(TOGETHER).zip(&parts) {
-            for (j, mut column) in out.column_iter_mut().enumerate() {
-                let rows = rows.iter().skip(j).step_by(columns);
-                for (value, new) in column.as_mut_slice()[first..].iter_mut().zip(rows) {
-                    *value = *new;
-                }
+        for (first, entries) in (0..).step_by(TOGETHER).zip(parts) {
+            for (k, column, value) in entries {
+                out[(first + k, column)] = value;
             }
         }
         out
@@ -115,7 +113,7 @@ impl SparseColumns {
 
     /// Adds the samples from `from` on, each with its weight, to a row; stretch `near` holds the first of them.
     #[inline(always)]
-    fn add_weighted(&self, near: usize, from: usize, weights: &[f64], out: &mut [f64]) {
+    fn add_weighted(&self, near: usize, from: usize, weights: &[f64], out: &mut Row) {
         let to = from + weights.len();
         let all = self.stretches[near..].iter();
         for stretch in all.take_while(|stretch| stretch.samples.start < to) {
@@ -125,10 +123,45 @@ impl SparseColumns {
             for (columns, rows) in columns.zip(&self.levels) {
                 let sums = weighted_sums(&rows[samples.clone()], weights);
                 for (&column, sum) in columns.iter().zip(sums) {
-                    out[column] += sum;
+                    out.add(column, sum);
                 }
             }
         }
+    }
+}
+
+/// A row of a matrix that is zero nearly everywhere.
+struct Row {
+    values: Vec<f64>,
+    /// Columns that something was added to, and whether each is one of them.
+    used: Vec<usize>,
+    is_used: Vec<bool>,
+}
+
+impl Row {
+    fn of(columns: usize) -> Self {
+        Self {
+            values: vec![0.0; columns],
+            used: Vec::new(),
+            is_used: vec![false; columns],
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, column: usize, value: f64) {
+        if !self.is_used[column] {
+            self.is_used[column] = true;
+            self.used.push(column);
+        }
+        self.values[column] += value;
+    }
+
+    /// Columns and values of what was added, and empties the row.
+    fn take(&mut self) -> impl Iterator<Item = (usize, f64)> {
+        self.used.drain(..).map(|column| {
+            self.is_used[column] = false;
+            (column, core::mem::take(&mut self.values[column]))
+        })
     }
 }
 
