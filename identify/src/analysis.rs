@@ -6,20 +6,20 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, confirm,
-    diagnose_without, evidence, floor_of, state_spread, take_from_both,
+    Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, beside_rigid,
+    confirm, diagnose_without, evidence, floor_of, shown, state_spread, take_from_both,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
     structure,
 };
+use crate::effect::BiasDrift;
 use crate::effect::library::Belongs;
 use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
-use crate::effect::{BiasDrift, Effect, RigidBody};
 use crate::lag::{Lag, USUAL_S};
-use crate::least_squares::{FitError, rms};
+use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel_on;
@@ -276,9 +276,7 @@ fn aligned(
     settings: &MotionSettings,
 ) -> Result<Option<Lag>, DynamicsError> {
     let found = diagnosis.found();
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let (samples, motion, mut lag) = align(&diagnosis.samples, settings, &effects)?;
+    let (samples, motion, mut lag) = align(&diagnosis.samples, settings, &beside_rigid(&found))?;
     // Free air, where nothing gives, knows better.
     let late = diagnosis.samples.aside.late;
     if let Some(lag) = &mut lag {
@@ -295,7 +293,7 @@ fn aligned(
             diagnosis.model.clone(),
             diagnosis.floor,
         );
-        let fitted = still_shown(diagnosis.refit())?.is_some();
+        let fitted = shown(diagnosis.refit())?.is_some();
         // A grasp that gives looks like a lag and is none.
         if !fitted || diagnosis.model.held_out_rms > before && lag.value_s.abs() <= USUAL_S {
             (diagnosis.samples, diagnosis.motion) = (samples, motion);
@@ -314,15 +312,6 @@ fn aligned(
     }))
 }
 
-/// A fit to other samples, if it still shows every named effect apart: one may act where the joint turns and nowhere else.
-fn still_shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
-    match fit {
-        Ok(fit) => Ok(Some(fit)),
-        Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
 /// Leaves out where the joint turns, unless what is named foretells held-out strokes worse then, or is not shown any more: a grasp that
 /// gives turns before the joint does.
 fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
@@ -332,7 +321,7 @@ fn leave_out_turns(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
         diagnosis.model.clone(),
         diagnosis.floor,
     );
-    let fitted = still_shown(diagnosis.refit())?.is_some();
+    let fitted = shown(diagnosis.refit())?.is_some();
     if !fitted || diagnosis.model.held_out_rms > model.held_out_rms {
         diagnosis.motion.slides = slides;
         (diagnosis.effects, diagnosis.model, diagnosis.floor) = (effects, model, floor);
@@ -416,9 +405,7 @@ fn with_mechanism(
             left = true;
         }
     }
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(found.iter().map(|found| found as &dyn Effect));
-    let alone = still_shown(fit_parametric(motion, &effects))?;
+    let alone = shown(fit_parametric(motion, &beside_rigid(&found)))?;
     let above = if diagnosis.together.is_some() {
         KNOWN_ALONE_ABOVE
     } else {
@@ -530,8 +517,7 @@ fn beside_mechanism(
     whole_below: f64,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
     let some = found.iter().zip(used).filter(|(_, used)| **used);
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(some.map(|(found, _)| found as &dyn Effect));
+    let mut effects = beside_rigid(some.map(|(found, _)| found));
     let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
     if !is_table && !found.iter().any(is_named) {
         effects.push(&BiasDrift);

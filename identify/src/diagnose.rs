@@ -27,10 +27,11 @@ mod tidy;
 mod together;
 
 pub(crate) use breakaway::add_stiction;
+pub(crate) use confirm::shown;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
 pub use model::Found;
-pub(crate) use model::per_velocity;
+pub(crate) use model::{beside_rigid, per_velocity};
 pub(crate) use search::floor_of;
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};
 pub(crate) use spread::state_spread;

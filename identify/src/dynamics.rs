@@ -184,24 +184,24 @@ fn fit_full(
     };
     // Valves that foretell far better than surfaces of some smoothings are taken without a search for the best one.
     let mut smoothing = MIDDLING;
-    let surfaces = design.solve(&smoothing);
-    let warm: Vec<bool> = surfaces.iter().map(|v| *v != 0.0).collect();
+    let solution = design.solve(&smoothing);
+    let warm: Vec<bool> = solution.iter().map(|v| *v != 0.0).collect();
     let mut held_out_rms = design.held_out_of(&folds, &smoothing, Some(&warm));
-    let mut valved = (design.damping_share(surfaces.clone()) > least(held_out_rms))
-        .then(|| behind_valves(&surfaces));
+    let mut valved = (design.damping_share(solution.clone()) > least(held_out_rms))
+        .then(|| behind_valves(&solution));
     let far_better = |(valved, _): &(Valved, Design)| {
         let tried = [valved.smoothing[0], LOAD_GRID[0]].map(|load| [load, MIDDLING[1]]);
-        let surfaces = in_parallel(&tried, |tried| {
+        let errors = in_parallel(&tried, |tried| {
             design.held_out_of(&folds, tried, Some(&warm))
         });
-        let least = surfaces.into_iter().fold(held_out_rms, f64::min);
+        let least = errors.into_iter().fold(held_out_rms, f64::min);
         valved.held_out_rms < FAR_BELOW * least
     };
     if !valved.as_ref().is_some_and(far_better) {
         let undamped = design.undamped();
         let (loaded, without) = undamped.choose_load(&folds, smoothing);
         // To a joint without dampers damping does no good beside the load that it has.
-        let damped = || design.held_out_of(&folds, &loaded, None);
+        let damped = || design.held_out_of(&folds, &loaded, Some(&warm));
         let share = if valved.is_none() && without < DAMPED_BELOW * damped() {
             (design, smoothing, held_out_rms) = (undamped, loaded, without);
             0.0

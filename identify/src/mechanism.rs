@@ -559,15 +559,17 @@ mod tests {
     fn behind_a_valve_the_columns_and_the_rest_give_the_effort_and_its_change() {
         let motion = motion();
         let mut mechanism = SplineMechanism::valved(&motion);
-        mechanism.valves[1].bends.push(Bend {
-            at: 1.5,
-            slope: 0.1,
-        });
-        let mut coefficients: Vec<f64> = (0..mechanism.len())
+        let bend = Bend {
+            at: 1.0,
+            slope: 1.0,
+        };
+        mechanism.valves[0].bends = vec![bend];
+        mechanism.valves[1].bends = vec![bend; 2];
+        let first_bend = mechanism.first_bend();
+        let mut coefficients: Vec<f64> = (0..first_bend)
             .map(|j| 1.0 + ((j * 7) % 5) as f64)
             .collect();
-        let last = coefficients.len() - 1;
-        (coefficients[last - 1], coefficients[last]) = (1.5, 0.1);
+        coefficients.extend([0.7, 0.4, 1.5, 0.1, 2.5, 0.6]);
         mechanism.set(&coefficients);
         assert_eq!(mechanism.coefficients(), coefficients);
         let effort = |mechanism: &SplineMechanism| {
@@ -581,7 +583,7 @@ mod tests {
             assert!((g + r - e).abs() < 1e-9);
         }
         let loads = mechanism.load.len();
-        for j in [25, 70, last - 1, last] {
+        for j in [25, 70].into_iter().chain(first_bend..coefficients.len()) {
             let mut other = mechanism.clone();
             let mut moved = coefficients.clone();
             moved[j] += 1e-5;

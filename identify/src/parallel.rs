@@ -1,12 +1,22 @@
-//! Work on all processors: work within such work takes those that nobody uses.
+//! Work side by side on the processors that are free. In use are those of one caller and of the threads that are started here; other threads that
+//! compute (a second caller, efforts in batches) are not counted.
 
 use core::num::NonZero;
 use core::sync::atomic::{AtomicIsize, AtomicUsize, Ordering};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, PoisonError};
 
-/// `f` of each item, in order, on all processors.
+static ALL: Processors = Processors::new(count);
+
+/// How many there are: asked once, the answer takes files to be read.
+fn count() -> usize {
+    static COUNT: LazyLock<usize> =
+        LazyLock::new(|| std::thread::available_parallelism().map_or(1, NonZero::get));
+    *COUNT
+}
+
+/// `f` of each item, in order, on this thread and on the processors that are free or become so.
 pub(crate) fn in_parallel<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    in_parallel_on(usize::MAX, items, f)
+    ALL.each(usize::MAX, items, f)
 }
 
 /// As [`in_parallel`], on so many processors at most.
@@ -15,117 +25,153 @@ pub(crate) fn in_parallel_on<T: Sync, R: Send>(
     items: &[T],
     f: impl Fn(&T) -> R + Sync,
 ) -> Vec<R> {
-    let threads = processors().min(most);
-    let size = items.len().div_ceil(4 * threads).max(1);
-    let chunks: Vec<&[T]> = items.chunks(size).collect();
-    let helpers = (1..threads.min(chunks.len())).map_while(|_| Taken::one());
-    let helpers: Vec<Taken> = helpers.collect();
-    if helpers.is_empty() {
-        return items.iter().map(f).collect();
-    }
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(chunk) = chunks.get(index) else {
-                return done;
-            };
-            done.push((index, chunk.iter().map(&f).collect::<Vec<R>>()));
+    ALL.each(most, items, f)
+}
+
+/// What `a` and `b` give, side by side where a processor is free, else `a` first; `b` stays on this thread.
+pub(crate) fn both<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
+    ALL.both(a, b)
+}
+
+/// Does work with items that change; each processor takes the next one when it is done with one.
+pub(crate) fn for_each<T: Send>(
+    items: impl IntoIterator<Item = T, IntoIter: Send>,
+    work: impl Fn(T) + Sync,
+) {
+    let items = items.into_iter();
+    let most = items.size_hint().0;
+    let items = Mutex::new(items);
+    let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let until_done = || {
+        while let Some(item) = next() {
+            work(item);
         }
     };
-    let work = &work;
-    let mut parts: Vec<(usize, Vec<R>)> = std::thread::scope(|scope| {
-        let helpers = helpers.into_iter();
-        let handles: Vec<_> = helpers
-            .map(|taken| scope.spawn(move || taken.by(work)))
-            .collect();
-        let mut parts = work();
-        let _lent = Lent::begin();
-        for handle in handles {
-            match handle.join() {
-                Ok(done) => parts.extend(done),
+    std::thread::scope(|scope| {
+        for _ in 1..most {
+            let Some(processor) = ALL.take() else { break };
+            scope.spawn(|| processor.does(until_done));
+        }
+        until_done();
+    });
+}
+
+/// Processors of which some are in use.
+struct Processors {
+    count: fn() -> usize,
+    in_use: AtomicIsize,
+}
+
+/// A processor in use, until this is dropped.
+struct Processor<'a>(&'a Processors);
+
+/// A thread waits for others, which may use its processor until this is dropped.
+struct Waiting<'a>(&'a Processors);
+
+impl Processors {
+    /// One is the caller's.
+    const fn new(count: fn() -> usize) -> Self {
+        Self {
+            count,
+            in_use: AtomicIsize::new(1),
+        }
+    }
+
+    /// One that is free.
+    fn take(&self) -> Option<Processor<'_>> {
+        let count = (self.count)().cast_signed();
+        let more = |in_use: isize| (in_use < count).then_some(in_use + 1);
+        let was = self
+            .in_use
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        was.is_ok().then(|| Processor(self))
+    }
+
+    fn wait(&self) -> Waiting<'_> {
+        self.in_use.fetch_sub(1, Ordering::Relaxed);
+        Waiting(self)
+    }
+
+    fn each<T: Sync, R: Send>(
+        &self,
+        most: usize,
+        items: &[T],
+        f: impl Fn(&T) -> R + Sync,
+    ) -> Vec<R> {
+        let threads = (self.count)().min(most);
+        let size = items.len().div_ceil(4 * threads).max(1);
+        let chunks: Vec<&[T]> = items.chunks(size).collect();
+        let begun = AtomicUsize::new(0);
+        let next = || {
+            let index = begun.fetch_add(1, Ordering::Relaxed);
+            Some((index, *chunks.get(index)?))
+        };
+        let of = |(index, chunk): (usize, &[T])| (index, chunk.iter().map(&f).collect::<Vec<R>>());
+        let work = &|| core::iter::from_fn(next).map(of).collect::<Vec<_>>();
+        let mut parts = std::thread::scope(|scope| {
+            let mut helpers = Vec::new();
+            let mut parts = Vec::new();
+            while let Some(chunk) = next() {
+                // Others may be done meanwhile.
+                while helpers.len() + 1 < threads
+                    && begun.load(Ordering::Relaxed) < chunks.len()
+                    && let Some(processor) = self.take()
+                {
+                    helpers.push(scope.spawn(move || processor.does(work)));
+                }
+                parts.push(of(chunk));
+            }
+            let _waiting = self.wait();
+            for helper in helpers {
+                match helper.join() {
+                    Ok(done) => parts.extend(done),
+                    Err(panic) => std::panic::resume_unwind(panic),
+                }
+            }
+            parts
+        });
+        parts.sort_by_key(|(index, _)| *index);
+        parts.into_iter().flat_map(|(_, done)| done).collect()
+    }
+
+    fn both<A: Send, B>(&self, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
+        let Some(processor) = self.take() else {
+            return (a(), b());
+        };
+        std::thread::scope(|threads| {
+            let a = threads.spawn(|| processor.does(a));
+            let b = b();
+            let _waiting = self.wait();
+            match a.join() {
+                Ok(a) => (a, b),
                 Err(panic) => std::panic::resume_unwind(panic),
             }
-        }
-        parts
-    });
-    parts.sort_by_key(|(index, _)| *index);
-    parts.into_iter().flat_map(|(_, done)| done).collect()
-}
-
-/// What `a` and `b` give, run side by side where a processor is free; `b` stays on this thread.
-pub(crate) fn both<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
-    let Some(taken) = Taken::one() else {
-        return (a(), b());
-    };
-    std::thread::scope(|threads| {
-        let a = threads.spawn(|| taken.by(a));
-        let b = b();
-        let _lent = Lent::begin();
-        match a.join() {
-            Ok(a) => (a, b),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-    })
-}
-
-/// How many there are: asked once, the answer takes files to be read.
-fn processors() -> usize {
-    static COUNT: LazyLock<usize> =
-        LazyLock::new(|| std::thread::available_parallelism().map_or(1, NonZero::get));
-    *COUNT
-}
-
-/// Processors that nobody here uses; the first caller's own is in use.
-fn free() -> &'static AtomicIsize {
-    static FREE: LazyLock<AtomicIsize> =
-        LazyLock::new(|| AtomicIsize::new(processors().cast_signed() - 1));
-    &FREE
-}
-
-/// A processor that is in use as long as this lives.
-struct Taken;
-
-impl Taken {
-    /// One that was free.
-    fn one() -> Option<Self> {
-        let less = |free: isize| (free > 0).then_some(free - 1);
-        let was = free().fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
-        was.is_ok().then_some(Self)
+        })
     }
+}
 
-    /// Does the work on it.
-    fn by<R>(self, work: impl FnOnce() -> R) -> R {
+impl Processor<'_> {
+    fn does<R>(self, work: impl FnOnce() -> R) -> R {
         work()
     }
 }
 
-impl Drop for Taken {
+impl Drop for Processor<'_> {
     fn drop(&mut self) {
-        free().fetch_add(1, Ordering::Relaxed);
+        self.0.in_use.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
-/// The processor of a thread that waits, which others may use as long as this lives.
-struct Lent;
-
-impl Lent {
-    fn begin() -> Self {
-        free().fetch_add(1, Ordering::Relaxed);
-        Self
-    }
-}
-
-impl Drop for Lent {
+impl Drop for Waiting<'_> {
     fn drop(&mut self) {
-        free().fetch_sub(1, Ordering::Relaxed);
+        self.0.in_use.fetch_add(1, Ordering::Relaxed);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
 
     #[test]
     fn results_come_in_the_order_of_the_items() {
@@ -144,21 +190,64 @@ mod tests {
     }
 
     #[test]
-    fn work_within_work_gives_the_same_and_its_panics_are_passed_on() {
-        let items: Vec<usize> = (0..20).collect();
-        let inner = |i: &usize| in_parallel(&items, |j| i * j).into_iter().sum::<usize>();
-        let (sums, again) = both(|| in_parallel(&items, inner), || in_parallel(&items, inner));
-        assert_eq!(sums, (0..20).map(|i| 190 * i).collect::<Vec<_>>());
-        assert_eq!(sums, again);
-        let failed = std::panic::catch_unwind(|| in_parallel(&items, |i| 1 / (i % 7)));
-        assert!(failed.is_err());
-    }
-
-    #[test]
     fn both_give_what_they_give() {
         let mut steps = 0;
         let count = || steps += 1;
         assert_eq!(both(|| 2 * 3, count), (6, ()));
         assert_eq!(steps, 1);
+    }
+
+    #[test]
+    fn all_items_are_worked_with() {
+        let mut items: Vec<usize> = (0..50).collect();
+        for_each(&mut items, |item| *item += 1);
+        assert_eq!(items, (1..51).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn work_within_work_gives_the_same_on_any_number_of_processors_and_gives_them_back() {
+        let items: Vec<usize> = (0..20).collect();
+        let counts: [fn() -> usize; 4] = [|| 1, || 2, || 3, || 8];
+        for count in counts {
+            let some = Processors::new(count);
+            let inner = |i: &usize| some.each(9, &items, |j| i * j).into_iter().sum::<usize>();
+            let twice = || some.each(9, &items, inner);
+            let (sums, again) = some.both(twice, twice);
+            assert_eq!(sums, (0..20).map(|i| 190 * i).collect::<Vec<_>>());
+            assert_eq!(sums, again);
+            assert_eq!(some.in_use.load(Ordering::Relaxed), 1);
+        }
+    }
+
+    #[test]
+    fn a_panic_is_passed_on_and_gives_the_processors_back() {
+        let some = Processors::new(|| 3);
+        let items: Vec<usize> = (0..20).collect();
+        // In a helper or in the caller, as it comes.
+        for bad in 0..20 {
+            let fails = |i: &usize| assert_ne!(*i, bad);
+            assert!(catch_unwind(AssertUnwindSafe(|| some.each(3, &items, fails))).is_err());
+            assert_eq!(some.in_use.load(Ordering::Relaxed), 1);
+        }
+        let in_helper = || some.both(|| panic!("of a helper"), || ());
+        assert!(catch_unwind(AssertUnwindSafe(in_helper)).is_err());
+        let in_caller = || some.both(|| (), || panic!("of the caller"));
+        assert!(catch_unwind(AssertUnwindSafe(in_caller)).is_err());
+        assert_eq!(some.in_use.load(Ordering::Relaxed), 1);
+    }
+
+    #[test]
+    #[allow(clippy::disallowed_methods, reason = "the other thread has to come")]
+    fn a_processor_that_becomes_free_is_used() {
+        let some = Processors::new(|| 2);
+        let taken = Mutex::new(some.take());
+        assert!(some.take().is_none());
+        let items = [0, 1, 2, 3, 4, 5, 6, 7];
+        let threads = some.each(2, &items, |_| {
+            drop(taken.lock().unwrap().take());
+            std::thread::sleep(core::time::Duration::from_millis(5));
+            std::thread::current().id()
+        });
+        assert!(threads.iter().any(|id| *id != threads[0]));
     }
 }

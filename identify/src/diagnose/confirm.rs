@@ -177,8 +177,8 @@ pub fn confirm(
     Ok(out)
 }
 
-/// A fit, or nothing where the recording does not show all effects apart.
-pub(super) fn shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
+/// A fit, or nothing where the samples do not show all effects apart: one may act where the joint turns and nowhere else.
+pub(crate) fn shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
     match fit {
         Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => Ok(None),
         other => other.map(Some),

@@ -30,6 +30,13 @@ pub struct Found {
     pub datum: f64,
 }
 
+/// Inertia and friction, and these beside them.
+pub(crate) fn beside_rigid<'a>(found: impl IntoIterator<Item = &'a Found>) -> Vec<&'a dyn Effect> {
+    let rigid: &dyn Effect = &RigidBody;
+    let found = found.into_iter().map(|found| found as &dyn Effect);
+    core::iter::once(rigid).chain(found).collect()
+}
+
 impl Found {
     /// The unfiltered regressors of the used terms on a motion.
     #[must_use]

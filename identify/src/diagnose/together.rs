@@ -4,13 +4,13 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::confirm::shown;
-use super::model::Found;
+use super::model::{Found, beside_rigid};
 use super::search::Diagnosis;
 use super::spread::{SHOWN_BELOW, by_closed_end, wander};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, Shaped, fit_shapes, model_with};
+use crate::effect::Effect;
 use crate::effect::load::{CATCH, restated};
-use crate::effect::{Effect, RigidBody};
 use crate::motion::Motion;
 use crate::samples::quantile;
 
@@ -32,16 +32,14 @@ pub(crate) fn take_from_both(diagnosis: &mut Diagnosis) -> Result<(), DynamicsEr
     if is_lacking || found.iter().all(|one| one.shape_limits(motion).is_empty()) {
         return Ok(());
     }
-    let fitted = with_rigid(&found, |effects| fit_shapes(motion, effects, plain));
+    let fitted = fit_shapes(motion, &beside_rigid(&found), plain);
     let Some(mut shaped) = shown(fitted)?.flatten() else {
         return Ok(());
     };
     let closed_known_to = move_to(&mut found, motion, &mut shaped, wander(&diagnosis.samples));
     let (theta, params) = (&shaped.theta, shaped.theta.len());
     let own = shaped.covariance.view((0, 0), (params, params));
-    let model = with_rigid(&found, |effects| {
-        model_with(motion, effects, theta, own.into_owned())
-    });
+    let model = model_with(motion, &beside_rigid(&found), theta, own.into_owned());
     let Some(mut model) = shown(model)?.filter(|model| model.rms < LEAVES_BELOW * plain.rms) else {
         return Ok(());
     };
@@ -57,13 +55,6 @@ pub(crate) fn take_from_both(diagnosis: &mut Diagnosis) -> Result<(), DynamicsEr
     diagnosis.model = model;
     diagnosis.together = Some(shaped.fit);
     Ok(())
-}
-
-/// What `f` makes of inertia, friction and the effects.
-fn with_rigid<T>(found: &[Found], f: impl FnOnce(&[&dyn Effect]) -> T) -> T {
-    let mut effects: Vec<&dyn Effect> = vec![&RigidBody];
-    effects.extend(found.iter().map(|found| found as &dyn Effect));
-    f(&effects)
 }
 
 /// Moves the shapes of `found` by the steps fitted, and states magnets at the closed end of the fitted motion; gives how well that is known, where the

@@ -439,7 +439,7 @@ impl Design {
         share: f64,
     ) -> DMatrix<f64> {
         let mut out = self.penalty(smoothing);
-        out.zip_apply(gram, |penalty, gram| *penalty = gram + *penalty * share);
+        out.zip_apply(gram, |penalty, entry| *penalty = entry + *penalty * share);
         out
     }
 

@@ -50,6 +50,13 @@ pub(super) struct Valved {
     pub(super) held_out_rms: f64,
 }
 
+/// A fit with bends, the design there, and its squared residual.
+struct Bent {
+    fit: Valved,
+    design: Design,
+    square: f64,
+}
+
 impl Valved {
     /// Fits a mechanism together with the parameters of `parametric`, a design without a mechanism, and gives the design at the
     /// fit, too; `surfaces` = a fit without valves.
@@ -79,12 +86,9 @@ impl Valved {
         let bent = in_parallel(&[&fit, &steep], |start| {
             start.bent(&design, parametric, motion, straight)
         });
-        let best = bent
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| a.2.total_cmp(&b.2));
-        if let Some(best) = best {
-            (fit, design, _) = best;
+        let bent = bent.into_iter().flatten();
+        if let Some(best) = bent.min_by(|a, b| a.square.total_cmp(&b.square)) {
+            (fit, design) = (best.fit, best.design);
         } else {
             design.weigh_as(&fit.mechanism);
         }
@@ -147,11 +151,13 @@ impl Valved {
         mut design: Design,
         count: usize,
     ) -> Design {
-        let penalties = design.penalties.clone();
-        for _ in 0..count {
-            design.penalties.clone_from(&penalties);
+        for left in (0..count).rev() {
             self.step(&design);
+            let penalties = design.penalties;
             design = self.design(parametric, motion);
+            if left > 0 {
+                design.penalties = penalties;
+            }
         }
         design
     }
@@ -195,82 +201,92 @@ impl Valved {
         self.mechanism.set(&x.as_slice()[design.params..]);
     }
 
-    /// The fit with all bends that are worth it, the design there, and its squared residual; `square` = that of straight
-    /// valves, `straight` = their design. Nothing when there is no such bend.
+    /// The fit with all bends that are worth it; `square` = the squared residual of straight valves, which this fit has, and
+    /// `straight` = their design. Nothing when there is no such bend.
     fn bent(
         &self,
         straight: &Design,
         parametric: &Design,
         motion: &Motion,
-        mut square: f64,
-    ) -> Option<(Self, Design, f64)> {
-        let (mut fit, mut design) = (self.clone(), straight.clone());
-        design.weigh_as(&fit.mechanism);
-        let mut bends = fit.best_bends(&design, motion);
+        square: f64,
+    ) -> Option<Bent> {
+        let mut best = Bent {
+            fit: self.clone(),
+            design: straight.clone(),
+            square,
+        };
+        best.design.weigh_as(&self.mechanism);
+        let mut bends = None;
         let mut room = [MOST_BENDS; 2];
-        loop {
-            let found = bends.iter().enumerate().filter(|(d, _)| room[*d] > 0);
+        while room != [0, 0] {
+            let bends_now = *bends.get_or_insert_with(|| best.fit.best_bends(&best.design, motion));
+            let found = bends_now.into_iter().enumerate();
             let Some((direction, (_, bend))) = found
-                .filter_map(|(direction, bend)| Some((direction, (*bend)?)))
+                .filter(|(direction, _)| room[*direction] > 0)
+                .filter_map(|(direction, bend)| Some((direction, bend?)))
                 .max_by(|a, b| a.1.0.total_cmp(&b.1.0))
             else {
                 break;
             };
-            let (bent, near, after) = fit.with_bend(parametric, motion, direction, bend);
-            let gain = design.tau.len() as f64 * (square / after.max(f64::MIN_POSITIVE)).ln();
+            let bent = best.fit.with_bend(parametric, motion, direction, bend);
+            let samples = best.design.tau.len() as f64;
+            let gain = samples * (best.square / bent.square.max(f64::MIN_POSITIVE)).ln();
             if gain < EVIDENCE {
                 room[direction] = 0;
                 continue;
             }
             room[direction] -= 1;
-            (fit, design, square) = (bent, near, after);
-            bends = fit.best_bends(&design, motion);
+            (best, bends) = (bent, None);
         }
-        (!fit.is_straight()).then_some((fit, design, square))
+        (!best.fit.is_straight()).then_some(best)
     }
 
-    /// The fit with one more bend, the design there, and its squared residual.
+    /// The fit with one more bend.
     fn with_bend(
         &self,
         parametric: &Design,
         motion: &Motion,
         direction: usize,
         bend: Bend,
-    ) -> (Self, Design, f64) {
-        let mut bent = self.clone();
-        let bends = &mut bent.mechanism.valves[direction].bends;
+    ) -> Bent {
+        let mut fit = self.clone();
+        let bends = &mut fit.mechanism.valves[direction].bends;
         bends.push(bend);
         bends.sort_by(|a, b| a.at.total_cmp(&b.at));
-        let mut design = bent.design(parametric, motion);
-        let mut square = f64::INFINITY;
+        let mut best = Bent {
+            design: fit.design(parametric, motion),
+            fit,
+            square: f64::INFINITY,
+        };
         for _ in 0..BEND_STEPS {
-            let mut next = bent.clone();
-            next.step(&design);
-            let (mut near, mut left) = next.linearised(parametric, motion);
+            let mut fit = best.fit.clone();
+            fit.step(&best.design);
+            let mut design = fit.design(parametric, motion);
+            // Exact where it was linearised.
+            let mut square = (&design.tau - &design.y * fit.solution()).norm_squared();
             for _ in 1..4 {
-                if left < square {
+                if square < best.square {
                     break;
                 }
-                next.back_to(&bent);
-                (near, left) = next.linearised(parametric, motion);
+                fit.back_to(&best.fit);
+                square = fit.residual(parametric, motion).norm_squared();
+                if square < best.square {
+                    design = fit.design(parametric, motion);
+                }
             }
-            let slight = left > 0.997 * square;
-            if left < square {
-                (bent, design, square) = (next, near, left);
+            let slight = square > 0.997 * best.square;
+            if square < best.square {
+                best = Bent {
+                    fit,
+                    design,
+                    square,
+                };
             }
             if slight {
                 break;
             }
         }
-        (bent, design, square)
-    }
-
-    /// The design at the fit, and the fit's squared residual, which is exact there.
-    fn linearised(&self, parametric: &Design, motion: &Motion) -> (Design, f64) {
-        let design = self.design(parametric, motion);
-        let left = &design.tau - &design.y * self.solution();
-        let square = left.norm_squared();
-        (design, square)
+        best
     }
 
     /// Goes two thirds of the way back to `other`.
@@ -317,23 +333,24 @@ impl Valved {
             return [None, None];
         };
         let mut x = DVector::zeros(now.len());
-        let right = DMatrix::from_fn(free.len(), 1, |i, _| design.right[free[i]]);
-        for (&j, value) in free.iter().zip(&factor.solve(&right)) {
-            x[j] = *value;
+        let mut solved: Vec<f64> = free.iter().map(|&j| design.right[j]).collect();
+        factor.solve_in_place(&mut solved);
+        for (&j, value) in free.iter().zip(solved) {
+            x[j] = value;
         }
         let residual = &design.tau - &design.y * x;
         let square = residual.norm_squared();
         let asked = design.y.tr_mul(&residual).select_rows(&free);
         let least = LEAST_BEND * (square / residual.len() as f64).sqrt();
         let (places, columns) = self.beyond_places(motion, least);
-        let mut first = 0;
+        let firsts = [0, places[0].len()];
         [0, 1].map(|direction| {
             let valve = &self.mechanism.valves[direction];
             let places = &places[direction];
-            let columns = columns.columns(first, places.len()).into_owned();
-            first += places.len();
+            let columns = columns.columns(firsts[direction], places.len());
+            let columns = columns.into_owned();
             let products = crossed(&design.y, &columns).select_rows(&free);
-            let explained = factor.solve(&products);
+            let explained = factor.solve(products.clone());
             let gains = places.iter().enumerate().filter_map(|(k, &at)| {
                 let column = columns.column(k);
                 // Of the part of the column that nothing else explains.
@@ -358,13 +375,13 @@ impl Valved {
     }
 
     /// Places for a further bend of each direction's valve, above `least`, and for each of them what the valve is given beyond
-    /// it, filtered: those of opening come first.
+    /// it, filtered: those of opening come first. They ascend.
     fn beyond_places(&self, motion: &Motion, least: f64) -> ([Vec<f64>; 2], DMatrix<f64>) {
         let efforts = self.mechanism.proportional_efforts(motion, &self.on);
-        let closes = |i: usize| usize::from(motion.dq[i] < 0.0);
+        let direction_at = |i: usize| usize::from(motion.dq[i] < 0.0);
         let mut most = [0.0_f64; 2];
         for &i in &motion.kept {
-            most[closes(i)] = most[closes(i)].max(efforts[i]);
+            most[direction_at(i)] = most[direction_at(i)].max(efforts[i]);
         }
         let places = [0, 1].map(|direction| {
             let bends = &self.mechanism.valves[direction].bends;
@@ -375,8 +392,8 @@ impl Valved {
         });
         let mut entries = SparseColumns::with_capacity(efforts.len(), PLACES);
         for (i, &u) in efforts.iter().enumerate() {
-            let (first, sign) = [(0, 1.0), (places[0].len(), -1.0)][closes(i)];
-            let passed = places[closes(i)].iter().take_while(|at| u > **at);
+            let (first, sign) = [(0, 1.0), (places[0].len(), -1.0)][direction_at(i)];
+            let passed = places[direction_at(i)].iter().take_while(|at| u > **at);
             entries.push((first..).zip(passed.map(|at| sign * (u - at))));
         }
         let count = places[0].len() + places[1].len();
@@ -416,5 +433,62 @@ impl Valved {
             .into_iter()
             .fold((0.0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
         (square / f64::from(samples.max(1))).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::MotionSettings;
+    use crate::samples::{Aside, JointSamples};
+    use crate::screw::JointKind;
+
+    #[test]
+    fn what_lies_beyond_a_place_is_filtered_like_any_regressor() {
+        let time: Vec<f64> = (0..3000).map(|i| 0.005 * f64::from(i)).collect();
+        let q: Vec<f64> = time.iter().map(|t| 0.5 - 0.5 * (1.7 * t).cos()).collect();
+        let samples = JointSamples {
+            kind: JointKind::Revolute,
+            period: 0.005,
+            runs: vec![0..3000],
+            tau: q.clone(),
+            q,
+            time,
+            noise_of_q: Vec::new(),
+            aside: Aside::default(),
+        };
+        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let mechanism = SplineMechanism::valved(&motion);
+        let mut fit = Valved {
+            theta: DVector::zeros(0),
+            on: Arc::new(mechanism.on(&motion)),
+            mechanism,
+            smoothing: START,
+            held_out_rms: 0.0,
+        };
+        for dampings in [[3.0, 7.0], [0.0, 7.0], [3.0, 0.0]] {
+            for (own, damping) in fit.mechanism.damping_coefficients.iter_mut().zip(dampings) {
+                own.fill(damping);
+            }
+            let (places, columns) = fit.beyond_places(&motion, 0.1);
+            assert_eq!(
+                dampings.map(|c| c == 0.0),
+                places.each_ref().map(Vec::is_empty)
+            );
+            let all = [(&places[0], 1.0), (&places[1], -1.0)];
+            let mut columns = columns.column_iter();
+            for ((places, sign), damping) in all.into_iter().zip(dampings) {
+                for at in places {
+                    let beyond = |dq: &f64| match sign * dq {
+                        ahead if ahead > 0.0 => sign * (damping * ahead - at).max(0.0),
+                        _ => 0.0,
+                    };
+                    let series: Vec<f64> = motion.dq.iter().map(beyond).collect();
+                    let direct = DVector::from_vec(motion.regressor(&series).unwrap());
+                    assert!((columns.next().unwrap() - direct).amax() < 1e-12);
+                }
+            }
+            assert!(columns.next().is_none());
+        }
     }
 }

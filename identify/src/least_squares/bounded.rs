@@ -3,10 +3,9 @@
 //! # Source
 //! Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, written for the normal matrix.
 
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{ColRef, MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 
+use crate::factor::Factor;
 use crate::products::in_vectors;
 
 /// What a parameter may be.
@@ -37,7 +36,7 @@ pub fn bounded_quadratic(
 pub(crate) struct Quadratic<'a> {
     h: &'a DMatrix<f64>,
     /// The variables that were free last, and the factor of their part of `H`.
-    last: Option<(Vec<usize>, Llt<f64>)>,
+    last: Option<(Vec<usize>, Factor)>,
 }
 
 impl<'a> Quadratic<'a> {
@@ -209,13 +208,17 @@ impl<'a> Quadratic<'a> {
         let Some((index, factor)) = &self.last else {
             return x;
         };
-        let solve = |right: &[f64]| factor.solve(ColRef::from_slice(right));
-        for (&j, value) in index.iter().zip(solve(&pick(f, index)).iter()) {
-            x[j] = *value;
+        let solved = |right: &DVector<f64>| {
+            let mut picked: Vec<f64> = index.iter().map(|&j| right[j]).collect();
+            factor.solve_in_place(&mut picked);
+            picked
+        };
+        for (&j, value) in index.iter().zip(solved(f)) {
+            x[j] = value;
         }
         // One refinement step takes the ridge's bias away.
         let rest = left(self.h, f, &x);
-        for (&j, correction) in index.iter().zip(solve(&pick(&rest, index)).iter()) {
+        for (&j, correction) in index.iter().zip(solved(&rest)) {
             x[j] += correction;
         }
         x
@@ -223,7 +226,7 @@ impl<'a> Quadratic<'a> {
 }
 
 /// The factor of the part of `h` that `index` names, with a ridge; nothing where that is not positive definite.
-fn factor(h: &DMatrix<f64>, index: &[usize], ridge: f64) -> Option<Llt<f64>> {
+fn factor(h: &DMatrix<f64>, index: &[usize], ridge: f64) -> Option<Factor> {
     let n = index.len();
     let mut steadied = Vec::with_capacity(n * n);
     for (k, &j) in index.iter().enumerate() {
@@ -231,8 +234,7 @@ fn factor(h: &DMatrix<f64>, index: &[usize], ridge: f64) -> Option<Llt<f64>> {
         steadied.extend(index.iter().map(|&i| column[i]));
         steadied[k * n + k] += ridge;
     }
-    let steadied = MatRef::from_column_major_slice(&steadied, n, n);
-    Llt::new(steadied, Side::Lower).ok()
+    Factor::of_columns(&steadied, n)
 }
 
 /// `f - h x`.
@@ -255,10 +257,6 @@ fn left(h: &DMatrix<f64>, f: &DVector<f64>, x: &DVector<f64>) -> DVector<f64> {
         },
     );
     out
-}
-
-fn pick(values: &DVector<f64>, index: &[usize]) -> Vec<f64> {
-    index.iter().map(|&j| values[j]).collect()
 }
 
 #[cfg(test)]

@@ -98,7 +98,7 @@ impl SparseColumns {
                     #[inline(always)]
                     || self.add_weighted(near, *from, weights, &mut row),
                 );
-                entries.extend(row.take().map(|(column, value)| (k, column, value)));
+                row.hand_over(|column, value| entries.push((k, column, value)));
             }
             entries
         });
@@ -133,8 +133,9 @@ impl SparseColumns {
 /// A row of a matrix that is zero nearly everywhere.
 struct Row {
     values: Vec<f64>,
-    /// Columns that something was added to, and whether each is one of them.
+    /// Columns that something was added to.
     used: Vec<usize>,
+    /// Of each column, whether it is one of them.
     is_used: Vec<bool>,
 }
 
@@ -156,12 +157,12 @@ impl Row {
         self.values[column] += value;
     }
 
-    /// Columns and values of what was added, and empties the row.
-    fn take(&mut self) -> impl Iterator<Item = (usize, f64)> {
-        self.used.drain(..).map(|column| {
+    /// Gives columns and values of what was added, and empties the row.
+    fn hand_over(&mut self, mut give: impl FnMut(usize, f64)) {
+        for column in self.used.drain(..) {
             self.is_used[column] = false;
-            (column, core::mem::take(&mut self.values[column]))
-        })
+            give(column, core::mem::take(&mut self.values[column]));
+        }
     }
 }
 

@@ -1,10 +1,8 @@
 //! Mean squared error of load and damping on samples, and its gradient, on a few threads.
 
-use core::num::NonZero;
-use std::sync::{Mutex, PoisonError};
-
 use super::Scale;
 use super::net::{BLOCK, Net, Pass};
+use crate::parallel::for_each;
 
 /// Into how many pieces the samples are cut, each for a thread. It is not the number of processors, so that sums come out the same on
 /// every machine.
@@ -93,7 +91,7 @@ impl Loss {
 
     /// Mean squared difference.
     pub(super) fn error(&mut self, pair: &Pair) -> f32 {
-        on_all_processors(&mut self.pieces, |piece| piece.run(pair, None));
+        for_each(&mut self.pieces, |piece| piece.run(pair, None));
         self.mean_square()
     }
 
@@ -107,7 +105,7 @@ impl Loss {
         let unit = 2.0 / self.count.max(1) as f32;
         let own = self.pieces.iter_mut().map(|piece| (piece, Some(unit)));
         let others = other.pieces.iter_mut().map(|piece| (piece, None));
-        on_all_processors(own.chain(others), |(piece, unit)| piece.run(pair, unit));
+        for_each(own.chain(others), |(piece, unit)| piece.run(pair, unit));
         gradient.values_mut().for_each(|value| *value = 0.0);
         for piece in &self.pieces {
             for (sum, value) in gradient.values_mut().zip(piece.gradient.values()) {
@@ -121,29 +119,6 @@ impl Loss {
         let square: f64 = self.pieces.iter().map(|piece| piece.square).sum();
         (square / self.count.max(1) as f64) as f32
     }
-}
-
-/// Each processor takes the next item when it is done with one.
-fn on_all_processors<T: Send>(
-    items: impl IntoIterator<Item = T, IntoIter: Send>,
-    work: impl Fn(T) + Sync,
-) {
-    let items = items.into_iter();
-    let most = items.size_hint().0;
-    let items = Mutex::new(items);
-    let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let until_done = || {
-        while let Some(item) = next() {
-            work(item);
-        }
-    };
-    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
-    std::thread::scope(|scope| {
-        for _ in 1..threads.min(most) {
-            scope.spawn(until_done);
-        }
-        until_done();
-    });
 }
 
 impl Piece {
