@@ -498,13 +498,14 @@ impl Mechanism for SplineMechanism {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::motion::MotionSettings;
     use crate::samples::JointSamples;
     use crate::screw::JointKind;
 
-    fn motion() -> Motion {
+    /// Strokes of half a unit about the middle, without noise.
+    pub(crate) fn motion() -> Motion {
         let time: Vec<f64> = (0..3000).map(|i| 0.005 * f64::from(i)).collect();
         let q: Vec<f64> = time.iter().map(|t| 0.5 - 0.5 * (1.7 * t).cos()).collect();
         let samples = JointSamples {

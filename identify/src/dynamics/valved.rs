@@ -439,25 +439,11 @@ impl Valved {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionSettings;
-    use crate::samples::{Aside, JointSamples};
-    use crate::screw::JointKind;
+    use crate::mechanism::tests::motion;
 
     #[test]
     fn what_lies_beyond_a_place_is_filtered_like_any_regressor() {
-        let time: Vec<f64> = (0..3000).map(|i| 0.005 * f64::from(i)).collect();
-        let q: Vec<f64> = time.iter().map(|t| 0.5 - 0.5 * (1.7 * t).cos()).collect();
-        let samples = JointSamples {
-            kind: JointKind::Revolute,
-            period: 0.005,
-            runs: vec![0..3000],
-            tau: q.clone(),
-            q,
-            time,
-            noise_of_q: Vec::new(),
-            aside: Aside::default(),
-        };
-        let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+        let motion = motion();
         let mechanism = SplineMechanism::valved(&motion);
         let mut fit = Valved {
             theta: DVector::zeros(0),
