@@ -19,6 +19,25 @@ const LONGEST_MESSAGE: u32 = 1 << 20;
 /// Viewers, recorders and ROS 2 nodes at one time.
 const MOST_SESSIONS: u32 = 200;
 
+/// One thread of Zenoh's reads and writes its links.
+const ONE_THREAD: &str = "(tx: (handover: rx), rx: (worker_threads: 1))";
+
+/// Lets one thread of Zenoh's both read and write its links.
+///
+/// Otherwise one thread may read a TLS link while another writes, which what lies beneath is not made for
+/// (eclipse-zenoh/zenoh#2557): a viewer that asked while samples came lost its link about once a second. Over TCP it saves a
+/// change of threads. Where `ZENOH_RUNTIME` is set, that stands.
+///
+/// # Safety
+/// No other thread runs: the environment is written.
+pub unsafe fn read_and_write_in_one_thread() {
+    const NAME: &str = "ZENOH_RUNTIME";
+    if std::env::var_os(NAME).is_none() {
+        // SAFETY: the caller's, that no other thread reads the environment meanwhile.
+        unsafe { std::env::set_var(NAME, ONE_THREAD) };
+    }
+}
+
 /// A session, and how it came about.
 #[derive(Debug)]
 pub struct Opened {

@@ -83,6 +83,8 @@ const LOST: u8 = 3;
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> ExitCode {
+    // SAFETY: this is the first statement, so no other thread was started.
+    unsafe { network::read_and_write_in_one_thread() };
     logging::to_stderr(tracing::Level::ERROR);
     let arguments = Arguments::parse();
     match watch(&arguments) {
