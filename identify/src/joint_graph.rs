@@ -33,10 +33,11 @@ use nalgebra::{DMatrix, DVector, Isometry3, Point3, SVector, UnitQuaternion, Vec
 
 use crate::least_squares::effective_count;
 use crate::motion::strokes;
+use crate::parallel::both;
 use crate::products::in_vectors;
 use crate::samples::extrema;
 use crate::screw::{Candidates, JointKind, PoseSamples, ScrewAxis, perpendiculars};
-use chain::{Dynamics, Linearized, Measured, Step};
+use chain::{Chain, Dynamics, Linearized, Measured, Step};
 use frame::Frame;
 
 /// Number of geometry parameters: tilt 2, shift 2, grasp position 2, grasp rotation 3.
@@ -139,13 +140,14 @@ fn refined(
             cost = f64::INFINITY;
         }
         let linear = state.linearize(track, uses_rotations, &noise);
-        let done = (cost - linear.cost).abs() < 1e-7 * linear.cost;
-        cost = linear.cost;
-        let Some(step) = linear.solve() else {
+        let Some((step, now)) = linear.and_then(|linear| Some((linear.solve()?, linear.cost)))
+        else {
             noise.iter_mut().for_each(|noise| noise.white *= 3.0);
             (whiter, cost) = (3.0 * whiter, f64::INFINITY);
             continue;
         };
+        let done = (cost - now).abs() < 1e-7 * now;
+        cost = now;
         let small = state.apply(track, &step);
         last = Some((step, cost));
         if settled && (done || small) {
@@ -276,61 +278,65 @@ impl State {
         before: [Wander; 2],
     ) -> [Wander; 2] {
         let [position, rotation] = self.across(track, uses_rotations);
-        let position = Wander::estimate(&position, track, 1e-6).unwrap_or(before[0]);
-        let rotation = if uses_rotations {
-            Wander::estimate(&rotation, track, 1e-6).unwrap_or(before[1])
-        } else {
-            before[1]
-        };
-        [position, rotation]
+        let (rotation, position) = both(
+            || uses_rotations.then(|| Wander::estimate(&rotation, track, 1e-6))?,
+            || Wander::estimate(&position, track, 1e-6),
+        );
+        [position.unwrap_or(before[0]), rotation.unwrap_or(before[1])]
     }
 
+    /// Nothing where the elimination is beyond the arithmetic.
     fn linearize(
         &self,
         track: &PoseSamples,
         uses_rotations: bool,
         noise: &[Wander; 2],
-    ) -> Linearized {
+    ) -> Option<Linearized> {
         let active = match (self.axis.kind, uses_rotations) {
             (JointKind::Revolute, true) => vec![0, 1, 2, 3, 4, 5, 6, 7],
             (JointKind::Revolute, false) => vec![0, 1, 2, 3, 4, 5],
             (JointKind::Prismatic, true) => vec![0, 1, 4, 5, 6, 7, 8],
             (JointKind::Prismatic, false) => vec![0, 1, 4, 5],
         };
-        let mut linear = Linearized::new(track.positions.len(), uses_rotations, active);
         let frame = Frame::new(self);
         let dynamics = noise.map(|noise| Dynamics::of(&noise, track.period));
         let direction = self.axis.direction.into_inner();
-        in_vectors(
-            #[inline(always)]
-            || {
-                for i in 0..track.positions.len() {
-                    let motion = self.axis.motion(self.q[i]);
-                    let leftover = self.leftover_of(track, i, &motion, uses_rotations);
-                    let jacobians = frame.jacobians(self, self.q[i], &motion.rotation);
-                    // The sample's joint coordinate explains what lies along the path.
-                    let ignored = [
-                        jacobians.along.try_normalize(0.0),
-                        (self.axis.kind == JointKind::Revolute).then_some(direction),
-                    ];
-                    for part in 0..if uses_rotations { 2 } else { 1 } {
-                        linear.measure(
-                            i,
-                            part,
-                            &Measured {
-                                jacobian: &jacobians.geometry[part],
-                                residual: leftover[part] - self.wander[i][part],
-                                white: noise[part].white,
-                                ignored: ignored[part],
-                            },
-                        );
+        let chain = |part: usize| {
+            let count = if part == 0 || uses_rotations {
+                track.positions.len()
+            } else {
+                0
+            };
+            in_vectors(
+                #[inline(always)]
+                || {
+                    let mut chain = Chain::new(count);
+                    for i in 0..count {
+                        let motion = self.axis.motion(self.q[i]);
+                        let jacobians = frame.jacobians(self, self.q[i], &motion.rotation);
+                        // The sample's joint coordinate explains what lies along the path.
+                        let ignored = match part {
+                            0 => jacobians.along.try_normalize(0.0),
+                            _ => (self.axis.kind == JointKind::Revolute).then_some(direction),
+                        };
+                        let leftover = self.leftover_of(track, i, &motion, uses_rotations)[part];
+                        let measured = Measured {
+                            jacobian: &jacobians.geometry[part],
+                            residual: leftover - self.wander[i][part],
+                            white: noise[part].white,
+                            ignored,
+                        };
+                        chain.measure(i, &measured);
                         let before = track.follows(i).then(|| self.wander[i - 1][part]);
-                        linear.walk(i, part, before, self.wander[i][part], &dynamics[part]);
+                        chain.walk(i, before, self.wander[i][part], &dynamics[part]);
                     }
-                }
-            },
-        );
-        linear
+                    chain.eliminate()?;
+                    Some(chain)
+                },
+            )
+        };
+        let (rotations, positions) = both(|| chain(1), || chain(0));
+        Some(Linearized::of([positions?, rotations?], active))
     }
 
     /// Applies a step; true when it was too small to matter.

@@ -457,7 +457,8 @@ impl Payload {
         after: &[Range<usize>],
     ) -> Result<(), PayloadError> {
         let late = self.late_s.filter(is_seen).map_or(0.0, |(late, _)| late);
-        let rows = FreeAir::of(tool, kinematics, after)?.rows(late);
+        let free_air = FreeAir::of(tool, kinematics, after)?;
+        let rows = free_air.rows(late);
         let (mean, std) = rows.mean_residual(self);
         let Some(seen) = self.bias_at_s else {
             return Ok(());

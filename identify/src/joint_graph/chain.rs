@@ -6,79 +6,56 @@
 use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector3};
 
 use super::{GEOMETRY, Wander};
-use crate::products::in_vectors;
 
 /// Of a wander, of the position or of the rotation.
 const STATE: usize = 3;
 
-/// A sample's wander in the normal equations.
-#[derive(Clone)]
+/// A sample's wander in the normal equations: a row for each component, as wide as some vectors of the processor.
+#[derive(Clone, Copy)]
 struct Link {
-    diagonal: [[f64; STATE]; STATE],
+    rows: [[f64; WIDE]; STATE],
     /// Coupling to the next sample's, the same for each component.
     next: f64,
-    /// A row per component.
-    border: [[f64; GEOMETRY]; STATE],
-    right: [f64; STATE],
 }
 
-/// What stands beside a link's diagonal block: border, right side, identity.
-const BESIDE: usize = GEOMETRY + 1 + STATE;
-/// Where the identity begins there.
-const IDENTITY: usize = GEOMETRY + 1;
+/// A row: its border with the geometry, its right side, after the elimination the inverse of the Cholesky factor, its diagonal block.
+const WIDE: usize = GEOMETRY + 1 + 2 * STATE;
+const RIGHT: usize = GEOMETRY;
+const INVERSE: usize = GEOMETRY + 1;
+const DIAGONAL: usize = INVERSE + STATE;
 
 impl Link {
     const EMPTY: Self = Self {
-        diagonal: [[0.0; STATE]; STATE],
+        rows: [[0.0; WIDE]; STATE],
         next: 0.0,
-        border: [[0.0; GEOMETRY]; STATE],
-        right: [0.0; STATE],
     };
 
-    /// The inverse of the diagonal block's lower Cholesky factor times what stands beside the block.
+    /// Multiplies the rows by the inverse of the diagonal block's lower Cholesky factor, and notes it.
     #[inline(always)]
-    fn reduced(&self) -> Option<[[f64; BESIDE]; STATE]> {
-        let mut block = self.diagonal;
-        let mut beside = [[0.0; BESIDE]; STATE];
-        for (k, row) in beside.iter_mut().enumerate() {
-            row[..GEOMETRY].copy_from_slice(&self.border[k]);
-            row[GEOMETRY] = self.right[k];
-            row[IDENTITY + k] = 1.0;
-        }
+    fn reduce(&mut self) -> Option<()> {
         for k in 0..STATE {
-            let pivot = block[k][k];
+            self.rows[k][INVERSE + k] = 1.0;
+            let pivot = self.rows[k][DIAGONAL + k];
             if pivot.is_nan() || pivot <= 0.0 {
                 return None;
             }
             let scale = 1.0 / pivot.sqrt();
-            let upper = block[k].map(|value| value * scale);
-            let done = beside[k].map(|value| value * scale);
-            beside[k] = done;
-            for row in k + 1..STATE {
-                for (value, above) in block[row].iter_mut().zip(&upper) {
-                    *value -= upper[row] * above;
-                }
-                for (value, above) in beside[row].iter_mut().zip(&done) {
-                    *value -= upper[row] * above;
-                }
+            let done = self.rows[k].map(|value| value * scale);
+            self.rows[k] = done;
+            for below in k + 1..STATE {
+                add(&mut self.rows[below], -done[DIAGONAL + below], &done);
             }
         }
-        Some(beside)
+        Some(())
     }
 }
 
-/// `a' a` of a few rows.
+/// Adds `factor` times `values`.
 #[inline(always)]
-fn products<const N: usize>(rows: &[[f64; N]]) -> [[f64; N]; N] {
-    let mut out = [[0.0; N]; N];
-    for (i, sums) in out.iter_mut().enumerate() {
-        for row in rows {
-            for (sum, value) in sums.iter_mut().zip(row) {
-                *sum += row[i] * value;
-            }
-        }
+fn add<const N: usize>(sums: &mut [f64; N], factor: f64, values: &[f64; N]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += factor * value;
     }
-    out
 }
 
 /// A measured 3-vector.
@@ -93,16 +70,23 @@ pub(super) struct Measured<'a> {
     pub(super) ignored: Option<Vector3<f64>>,
 }
 
-/// One linearization of the graph.
+/// A chain of wanders, of the position or of the rotation, and what its samples say of the geometry.
+pub(super) struct Chain {
+    links: Vec<Link>,
+    /// Rows as those of a link.
+    geometry: [[f64; WIDE]; GEOMETRY],
+    /// Sum of squared, weighted, whitened residuals.
+    cost: f64,
+    rows: f64,
+}
+
+/// One linearization of the graph: chains that were eliminated, and the sum of what they leave of the geometry.
 pub(super) struct Linearized {
-    /// Of the position's wander, of the rotation's.
-    chains: [Vec<Link>; 2],
-    geometry: [[f64; GEOMETRY]; GEOMETRY],
-    right: [f64; GEOMETRY],
+    chains: [Chain; 2],
+    geometry: [[f64; WIDE]; GEOMETRY],
     active: Vec<usize>,
     /// Sum of squared, weighted, whitened residuals.
     pub(super) cost: f64,
-    rows: f64,
 }
 
 /// A Gauss-Newton step.
@@ -116,24 +100,19 @@ pub(super) struct Step {
     pub(super) freedom: f64,
 }
 
-impl Linearized {
-    /// Of so many samples; without rotations their chain is empty.
-    pub(super) fn new(count: usize, uses_rotations: bool, active: Vec<usize>) -> Self {
-        let rotations = if uses_rotations { count } else { 0 };
+impl Chain {
+    pub(super) fn new(count: usize) -> Self {
         Self {
-            chains: [count, rotations].map(|count| vec![Link::EMPTY; count]),
-            geometry: [[0.0; GEOMETRY]; GEOMETRY],
-            right: [0.0; GEOMETRY],
-            active,
+            links: vec![Link::EMPTY; count],
+            geometry: [[0.0; WIDE]; GEOMETRY],
             cost: 0.0,
             rows: 0.0,
         }
     }
 
-    /// Adds what is measured of sample `i`; `part` 0 = position, 1 = rotation. Outliers beyond three standard deviations lose weight
-    /// as (3 sigma / distance)^2.
+    /// Adds what is measured of sample `i`. Outliers beyond three standard deviations lose weight as (3 sigma / distance)^2.
     #[inline(always)]
-    pub(super) fn measure(&mut self, i: usize, part: usize, measured: &Measured) {
+    pub(super) fn measure(&mut self, i: usize, measured: &Measured) {
         let Measured {
             jacobian,
             residual,
@@ -150,31 +129,24 @@ impl Linearized {
             (3.0 / distance).powi(2)
         } / (white * white);
         let root = weight.sqrt();
-        // Geometry, residual.
-        let mut rows = [[0.0; GEOMETRY + 1]; STATE];
+        let mut rows = [[0.0; WIDE]; STATE];
         for (j, column) in jacobian.iter().enumerate() {
             let column = keep * column;
             for (axis, row) in rows.iter_mut().enumerate() {
                 row[j] = root * column[axis];
             }
         }
-        for (axis, row) in rows.iter_mut().enumerate() {
-            row[GEOMETRY] = root * residual[axis];
-        }
-        let link = &mut self.chains[part][i];
-        for (k, row) in rows.iter().enumerate() {
+        let link = &mut self.links[i];
+        for (k, row) in rows.iter_mut().enumerate() {
+            row[RIGHT] = root * residual[k];
+            add(&mut link.rows[k], root, row);
             for other in 0..STATE {
-                link.diagonal[k][other] += weight * keep[(k, other)];
+                link.rows[k][DIAGONAL + other] += weight * keep[(k, other)];
             }
-            for (sum, value) in link.border[k].iter_mut().zip(row) {
-                *sum += root * value;
-            }
-            link.right[k] += root * row[GEOMETRY];
         }
-        for (column, products) in products(&rows)[..GEOMETRY].iter().enumerate() {
-            self.right[column] += products[GEOMETRY];
-            for (sum, product) in self.geometry[column].iter_mut().zip(products) {
-                *sum += product;
+        for (column, sums) in self.geometry.iter_mut().enumerate() {
+            for row in &rows {
+                add(sums, row[column], row);
             }
         }
         self.cost += weight * residual.norm_squared();
@@ -186,7 +158,6 @@ impl Linearized {
     pub(super) fn walk(
         &mut self,
         i: usize,
-        part: usize,
         before: Option<Vector3<f64>>,
         now: Vector3<f64>,
         dynamics: &Dynamics,
@@ -196,77 +167,101 @@ impl Linearized {
             None => (dynamics.first, 0.0),
         };
         let error = now - before.unwrap_or_default() * rho;
-        let links = &mut self.chains[part];
+        let links = &mut self.links;
         for k in 0..STATE {
-            links[i].diagonal[k][k] += weight;
-            links[i].right[k] -= weight * error[k];
+            links[i].rows[k][DIAGONAL + k] += weight;
+            links[i].rows[k][RIGHT] -= weight * error[k];
         }
         if before.is_some() {
             let link = &mut links[i - 1];
             link.next = -weight * rho;
             for k in 0..STATE {
-                link.diagonal[k][k] += weight * rho * rho;
-                link.right[k] += weight * rho * error[k];
+                link.rows[k][DIAGONAL + k] += weight * rho * rho;
+                link.rows[k][RIGHT] += weight * rho * error[k];
             }
         }
         self.cost += weight * error.norm_squared();
         self.rows += STATE as f64;
     }
 
-    /// Eliminates the chains, solves for the geometry, and substitutes back.
-    pub(super) fn solve(mut self) -> Option<Step> {
-        for part in 0..self.chains.len() {
-            in_vectors(
-                #[inline(always)]
-                || self.eliminate(part),
-            )?;
-        }
-        let (geometry, covariance) = self.solve_geometry()?;
-        let wanders = self.chains.each_ref().map(|links| back(links, &geometry));
-        let states: usize = self.chains.iter().map(|links| STATE * links.len()).sum();
-        Some(Step {
-            geometry,
-            wanders,
-            covariance,
-            freedom: self.rows - (states + self.active.len()) as f64,
-        })
-    }
-
-    /// Takes one sample's wander after the other out of those that follow and out of the geometry. Leaves in its link, for each row of
-    /// the inverse Cholesky factor, that row in `diagonal` and its products with `border` and `right`.
+    /// Takes one sample's wander after the other out of those that follow and out of the geometry.
     #[inline(always)]
-    fn eliminate(&mut self, part: usize) -> Option<()> {
-        let links = &mut self.chains[part];
-        for i in 0..links.len() {
-            let reduced = links[i].reduced()?;
-            let products = products(&reduced);
-            for (column, products) in products[..GEOMETRY].iter().enumerate() {
-                self.right[column] -= products[GEOMETRY];
-                for (sum, product) in self.geometry[column].iter_mut().zip(products) {
-                    *sum -= product;
+    pub(super) fn eliminate(&mut self) -> Option<()> {
+        for i in 0..self.links.len() {
+            self.links[i].reduce()?;
+            let Link { rows, next } = self.links[i];
+            for (column, sums) in self.geometry.iter_mut().enumerate() {
+                for row in &rows {
+                    add(sums, -row[column], row);
                 }
             }
-            let next = links[i].next;
-            for (k, row) in reduced.iter().enumerate() {
-                let link = &mut links[i];
-                link.right[k] = row[GEOMETRY];
-                link.border[k].copy_from_slice(&row[..GEOMETRY]);
-                link.diagonal[k].copy_from_slice(&row[IDENTITY..]);
-            }
-            let Some(following) = links.get_mut(i + 1) else {
+            let Some(following) = self.links.get_mut(i + 1) else {
                 continue;
             };
-            for (k, products) in products[IDENTITY..].iter().enumerate() {
-                following.right[k] -= next * products[GEOMETRY];
-                for (sum, product) in following.border[k].iter_mut().zip(products) {
-                    *sum -= next * product;
-                }
-                for (sum, product) in following.diagonal[k].iter_mut().zip(&products[IDENTITY..]) {
-                    *sum -= next * next * product;
+            for (k, to) in following.rows.iter_mut().enumerate() {
+                for row in &rows {
+                    let factor = -next * row[INVERSE + k];
+                    let (border, rest) = row.split_at(INVERSE);
+                    for (sum, value) in to.iter_mut().zip(border) {
+                        *sum += factor * value;
+                    }
+                    for (sum, value) in to[DIAGONAL..].iter_mut().zip(rest) {
+                        *sum += factor * next * value;
+                    }
                 }
             }
         }
         Some(())
+    }
+
+    /// The wanders, when it was eliminated.
+    fn back(&self, geometry: &SVector<f64, GEOMETRY>) -> Vec<Vector3<f64>> {
+        let mut states = vec![Vector3::zeros(); self.links.len()];
+        let mut following = Vector3::zeros();
+        for (link, state) in self.links.iter().zip(&mut states).rev() {
+            let from_next: Vector3<f64> = following * link.next;
+            for k in 0..STATE {
+                let row = &link.rows[k];
+                let inverse = Vector3::from_column_slice(&row[INVERSE..DIAGONAL]);
+                let border = SVector::<f64, GEOMETRY>::from_column_slice(&row[..GEOMETRY]);
+                let left = row[RIGHT] - border.dot(geometry);
+                *state += inverse * (left - inverse.dot(&from_next));
+            }
+            following = *state;
+        }
+        states
+    }
+}
+
+impl Linearized {
+    /// Of the chains of position and rotation, each eliminated; without rotations their chain is empty.
+    pub(super) fn of(chains: [Chain; 2], active: Vec<usize>) -> Self {
+        let [first, second] = &chains;
+        Self {
+            geometry: core::array::from_fn(|i| {
+                core::array::from_fn(|j| first.geometry[i][j] + second.geometry[i][j])
+            }),
+            active,
+            cost: first.cost + second.cost,
+            chains,
+        }
+    }
+
+    /// Solves for the geometry, and substitutes back.
+    pub(super) fn solve(&self) -> Option<Step> {
+        let (geometry, covariance) = self.solve_geometry()?;
+        let rows: f64 = self.chains.iter().map(|chain| chain.rows).sum();
+        let states: usize = self
+            .chains
+            .iter()
+            .map(|chain| STATE * chain.links.len())
+            .sum();
+        Some(Step {
+            geometry,
+            wanders: self.chains.each_ref().map(|chain| chain.back(&geometry)),
+            covariance,
+            freedom: rows - (states + self.active.len()) as f64,
+        })
     }
 
     fn solve_geometry(&self) -> Option<(SVector<f64, GEOMETRY>, DMatrix<f64>)> {
@@ -280,7 +275,7 @@ impl Linearized {
             let ridge = if i == j { 1e-12 } else { 0.0 };
             self.geometry[self.active[i]][self.active[j]] / (scale[i] * scale[j]) + ridge
         });
-        let right = DVector::from_fn(n, |i, _| self.right[self.active[i]] / scale[i]);
+        let right = DVector::from_fn(n, |i, _| self.geometry[self.active[i]][RIGHT] / scale[i]);
         let factor = part.cholesky()?;
         let solution = factor.solve(&right);
         let inverse = factor.inverse();
@@ -316,20 +311,4 @@ impl Dynamics {
             first,
         }
     }
-}
-
-/// The wanders of a chain that was eliminated.
-fn back(links: &[Link], geometry: &SVector<f64, GEOMETRY>) -> Vec<Vector3<f64>> {
-    let mut states = vec![Vector3::zeros(); links.len()];
-    let mut following = Vector3::zeros();
-    for (link, state) in links.iter().zip(&mut states).rev() {
-        let from_next: Vector3<f64> = following * link.next;
-        for k in 0..STATE {
-            let inverse = Vector3::from(link.diagonal[k]);
-            let left = link.right[k] - SVector::from(link.border[k]).dot(geometry);
-            *state += inverse * (left - inverse.dot(&from_next));
-        }
-        following = *state;
-    }
-    states
 }

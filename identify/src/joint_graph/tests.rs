@@ -346,7 +346,7 @@ fn a_step_is_that_of_one_dense_least_squares() {
             &[0, 1, 4, 5, 6, 7, 8]
         };
         let (step, dense) = (
-            linear.solve().unwrap(),
+            linear.unwrap().solve().unwrap(),
             dense_step(&state, &samples, &noise, active),
         );
         let near = |a: f64, b: f64| (a - b).abs() < 1e-6 * (1e-3 + b.abs());

@@ -36,22 +36,40 @@ const EARLIEST_S: f64 = -0.05;
 const COARSE_S: f64 = 1e-2;
 const FINE_S: f64 = 2.5e-3;
 
-/// Free air through one filter.
+/// Free air through one filter: of force and of torque.
 pub(super) struct FreeAir {
-    runs: Vec<Run>,
+    blocks: [Block; 2],
+    /// Of each stretch all that was measured.
+    measured: Vec<Vec<[f64; 6]>>,
     period: f64,
 }
 
-/// One stretch of it: the columns of every `step`-th sample, and all that was measured.
-struct Run {
-    step: usize,
-    columns: Vec<[Columns; 6]>,
-    measured: Vec<[f64; 6]>,
+/// Rows of the linear model, which do not depend on how late the wrench is, axis by axis in the order of time, by which what residuals are worth is
+/// counted.
+struct Block {
+    rows: Vec<Parameters>,
+    places: Vec<Place>,
+    /// Their products.
+    normal: Normal,
 }
 
-/// Rows of the linear model at one lateness of the wrench: of force and of torque.
-pub(super) struct Rows {
-    blocks: [Vec<(Parameters, f64)>; 2],
+/// Where the wrench of a row is: `axis` of the `at`-th sample of a stretch.
+struct Place {
+    stretch: usize,
+    at: usize,
+    axis: usize,
+}
+
+/// The model at one lateness of the wrench.
+pub(super) struct Rows<'a> {
+    parts: [Part<'a>; 2],
+}
+
+/// Its rows, and the wrench.
+struct Part<'a> {
+    block: &'a Block,
+    targets: Vec<f64>,
+    right: Parameters,
 }
 
 /// Solution with its covariance, and what each block leaves.
@@ -74,60 +92,61 @@ impl FreeAir {
         let long = runs
             .iter()
             .filter(|run| run.len() > 2 * filter.edge_samples());
-        let of = |run: &Range<usize>| -> Result<Run, FilterError> {
-            let measured = filter.zero_phase_settled_each(&tool.wrench[run.clone()])?;
+        let border = (LATEST_S / tool.period).ceil() as usize;
+        let mut blocks = [Block::empty(), Block::empty()];
+        let mut measured = Vec::new();
+        let mut columns_of = Vec::new();
+        for run in long {
+            measured.push(filter.zero_phase_settled_each(&tool.wrench[run.clone()])?);
             let models: Vec<[Columns; 6]> = run.clone().map(|i| model(kinematics, i)).collect();
-            let count = models.len().div_ceil(step);
-            let mut columns = vec![[Columns::zeros(); 6]; count];
-            for axis in 0..6 {
-                let series: Vec<[f64; 10]> = models.iter().map(|m| m[axis].into()).collect();
-                let filtered = filter.zero_phase_settled_each(&series)?;
-                for (columns, filtered) in columns.iter_mut().zip(filtered.iter().step_by(step)) {
-                    columns[axis] = Columns::from(*filtered);
+            // A force tells of m and h, a torque of h and Jo.
+            columns_of.push([0, 1, 2, 3, 4, 5].map(|axis| match axis {
+                0..3 => filtered::<BIAS>(&filter, &models, axis, 0),
+                _ => filtered::<9>(&filter, &models, axis, 1),
+            }));
+        }
+        for axis in 0..6 {
+            for (stretch, columns) in columns_of.iter().enumerate() {
+                let columns = columns[axis].as_ref().map_err(Clone::clone)?;
+                // None at the ends of a stretch, where differences and filter see one side only.
+                let border = border.min(columns.len() / 4);
+                let inside = border..columns.len().saturating_sub(border);
+                for at in (0..columns.len()).step_by(step) {
+                    if inside.contains(&at) {
+                        blocks[axis / 3].push(&columns[at], Place { stretch, at, axis });
+                    }
                 }
             }
-            Ok(Run {
-                step,
-                columns,
-                measured,
-            })
-        };
+        }
         Ok(Self {
-            runs: long.map(of).collect::<Result<_, _>>()?,
+            blocks,
+            measured,
             period: tool.period,
         })
     }
 
-    /// The rows with the wrench read `late_s` later: of the same samples however late it is, and of none at the ends of a run, where differences and
-    /// filter see one side only.
-    pub(super) fn rows(&self, late_s: f64) -> Rows {
-        let border = (LATEST_S / self.period).ceil() as usize;
-        let mut blocks = [Vec::new(), Vec::new()];
-        // Axis by axis in the order of time, by which what residuals are worth is counted.
-        for axis in 0..6 {
-            for run in &self.runs {
-                let all = run.measured.len();
-                let border = border.min(all / 4);
-                let inside = border..all.saturating_sub(border);
-                for (k, columns) in run.columns.iter().enumerate() {
-                    let at = k * run.step;
-                    if !inside.contains(&at) {
-                        continue;
-                    }
-                    let at = (at as f64 + late_s / self.period).clamp(0.0, (all - 2) as f64);
-                    let low = at.floor();
-                    let [a, b] = [0, 1].map(|next| run.measured[low as usize + next][axis]);
-                    let mut row = Parameters::zeros();
-                    row.fixed_rows_mut::<BIAS>(0)
-                        .copy_from(&columns[axis].fixed_rows::<BIAS>(0));
-                    row.fixed_rows_mut::<6>(INERTIA)
-                        .copy_from(&columns[axis].fixed_rows::<6>(BIAS));
-                    row[BIAS + axis] = 1.0;
-                    blocks[axis / 3].push((row, a + (b - a) * (at - low)));
-                }
+    /// The rows with the wrench read `late_s` later: of the same samples however late it is.
+    pub(super) fn rows(&self, late_s: f64) -> Rows<'_> {
+        let late = late_s / self.period;
+        let parts = self.blocks.each_ref().map(|block| {
+            let mut right = Parameters::zeros();
+            let read = block.places.iter().zip(&block.rows).map(|(place, row)| {
+                let measured = &self.measured[place.stretch];
+                let at = (place.at as f64 + late).clamp(0.0, (measured.len() - 2) as f64);
+                let low = at as usize;
+                let [a, b] = [low, low + 1].map(|i| measured[i][place.axis]);
+                let target = a + (b - a) * (at - low as f64);
+                right += row * target;
+                target
+            });
+            let targets = read.collect();
+            Part {
+                block,
+                targets,
+                right,
             }
-        }
-        Rows { blocks }
+        });
+        Rows { parts }
     }
 
     /// How much later than the pose the wrench comes, s, and the standard deviation; nothing when free air does not show it.
@@ -167,7 +186,34 @@ impl FreeAir {
     }
 }
 
-impl Rows {
+impl Block {
+    fn empty() -> Self {
+        Self {
+            rows: Vec::new(),
+            places: Vec::new(),
+            normal: Normal::zeros(),
+        }
+    }
+
+    fn push(&mut self, columns: &[f64; 10], place: Place) {
+        let mut row = Parameters::zeros();
+        row.as_mut_slice()[..BIAS].copy_from_slice(&columns[..BIAS]);
+        row.as_mut_slice()[INERTIA..].copy_from_slice(&columns[BIAS..]);
+        row[BIAS + place.axis] = 1.0;
+        self.normal += row * row.transpose();
+        self.rows.push(row);
+        self.places.push(place);
+    }
+}
+
+impl Part<'_> {
+    fn residuals(&self, theta: &Parameters) -> Vec<f64> {
+        let rows = self.block.rows.iter().zip(&self.targets);
+        rows.map(|(row, target)| target - row.dot(theta)).collect()
+    }
+}
+
+impl Rows<'_> {
     pub(super) fn fit(
         &self,
         before: &Payload,
@@ -212,12 +258,10 @@ impl Rows {
     fn solve(&self, before: &Payload, prior: Option<&Payload>, noise: [f64; 2]) -> Solved {
         let mut normal = Normal::zeros();
         let mut right = Parameters::zeros();
-        for (block, noise) in self.blocks.iter().zip(noise) {
+        for (part, noise) in self.parts.iter().zip(noise) {
             let weight = 1.0 / (noise * noise);
-            for (row, target) in block {
-                normal += row * row.transpose() * weight;
-                right += row * (target * weight);
-            }
+            normal += part.block.normal * weight;
+            right += part.right * weight;
         }
         let mut add = |k: usize, value: f64, std: f64| {
             let weight = 1.0 / (std * std);
@@ -260,16 +304,10 @@ impl Rows {
             .try_inverse()
             .unwrap_or_else(|| Normal::identity() * 1e6);
         let theta = covariance * right;
-        let residual = |part: usize| -> Vec<f64> {
-            self.blocks[part]
-                .iter()
-                .map(|(row, target)| target - row.dot(&theta))
-                .collect()
-        };
         Solved {
             theta,
             covariance,
-            residuals: [residual(0), residual(1)],
+            residuals: self.parts.each_ref().map(|part| part.residuals(&theta)),
         }
     }
 
@@ -288,10 +326,13 @@ impl Rows {
         }
         let (mut mean, mut std) = ([0.0; 6], [0.0; 6]);
         for axis in 0..6 {
-            let left: Vec<f64> = self.blocks[axis / 3]
-                .iter()
-                .filter(|(row, _)| row[BIAS + axis] == 1.0)
-                .map(|(row, target)| target - row.dot(&theta))
+            let part = &self.parts[axis / 3];
+            let left: Vec<f64> = part
+                .residuals(&theta)
+                .into_iter()
+                .zip(&part.block.places)
+                .filter(|(_, place)| place.axis == axis)
+                .map(|(left, _)| left)
                 .collect();
             let n = left.len().max(1) as f64;
             mean[axis] = left.iter().sum::<f64>() / n;
@@ -328,6 +369,24 @@ pub(super) fn tensor(of: [f64; 6]) -> Matrix3<f64> {
 fn body_of(all: &Normal) -> SMatrix<f64, 10, 10> {
     let place = |k: usize| if k < BIAS { k } else { INERTIA + k - BIAS };
     SMatrix::from_fn(|i, j| all[(place(i), place(j))])
+}
+
+/// `N` columns of one axis from the `first` on, filtered, the others zero.
+fn filtered<const N: usize>(
+    filter: &LowPass,
+    models: &[[Columns; 6]],
+    axis: usize,
+    first: usize,
+) -> Result<Vec<[f64; 10]>, FilterError> {
+    let of = |model: &[Columns; 6]| core::array::from_fn(|k| model[axis][first + k]);
+    let series: Vec<[f64; N]> = models.iter().map(of).collect();
+    let filtered = filter.zero_phase_settled_each(&series)?;
+    let widened = filtered.iter().map(|some| {
+        let mut all = [0.0; 10];
+        all[first..first + N].copy_from_slice(some);
+        all
+    });
+    Ok(widened.collect())
 }
 
 /// Columns of m, h and Jo: of force x y z, torque x y z.
