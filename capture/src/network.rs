@@ -19,22 +19,29 @@ const LONGEST_MESSAGE: u32 = 1 << 20;
 /// Viewers, recorders and ROS 2 nodes at one time.
 const MOST_SESSIONS: u32 = 200;
 
-/// One thread of Zenoh's reads and writes its links.
-const ONE_THREAD: &str = "(tx: (handover: rx), rx: (worker_threads: 1))";
+/// How Zenoh's threads are set, and where: one thread receives and sends.
+const RUNTIME: (&str, &str) = (
+    "ZENOH_RUNTIME",
+    "(tx: (handover: rx), rx: (worker_threads: 1))",
+);
 
-/// Lets one thread of Zenoh's both read and write its links.
+/// Lets one thread of Zenoh's receive and send, as links with keys need it.
 ///
-/// Otherwise one thread may read a TLS link while another writes, which what lies beneath is not made for
-/// (eclipse-zenoh/zenoh#2557): a viewer that asked while samples came lost its link about once a second. Over TCP it saves a
-/// change of threads. Where `ZENOH_RUNTIME` is set, that stands.
+/// Zenoh's TLS link shares one unguarded stream between its reader and its writer (eclipse-zenoh/zenoh#2557): read and written by two threads at
+/// a time, which is undefined behaviour, the link of a viewer that asked while samples came broke about once a second. In the clear nothing is
+/// shared, and two threads stay: what waits for a slow receiver would hold up the one. A `ZENOH_RUNTIME` that is set stands.
 ///
 /// # Safety
 /// No other thread runs: the environment is written.
-pub unsafe fn read_and_write_in_one_thread() {
-    const NAME: &str = "ZENOH_RUNTIME";
-    if std::env::var_os(NAME).is_none() {
+pub unsafe fn receive_and_send_in_one_thread() {
+    let (name, value) = RUNTIME;
+    match std::env::var(name) {
+        Ok(set) if set == value => {}
+        Ok(_) => tracing::warn!(
+            "{name} is set: unless Zenoh then receives and sends in one thread, links with keys may break (zenoh#2557)"
+        ),
         // SAFETY: the caller's, that no other thread reads the environment meanwhile.
-        unsafe { std::env::set_var(NAME, ONE_THREAD) };
+        Err(_) => unsafe { std::env::set_var(name, value) },
     }
 }
 
@@ -49,7 +56,8 @@ pub struct Opened {
 
 /// Opens the capture service's session.
 ///
-/// With neither `listen` nor `connect`, it listens on [`DEFAULT_ENDPOINT`]. It never joins what it was not told to join.
+/// With neither `listen` nor `connect`, it listens on [`DEFAULT_ENDPOINT`]. It never joins what it was not told to join. Before it has keys,
+/// [`receive_and_send_in_one_thread`].
 ///
 /// # Errors
 /// An endpoint is malformed, its port cannot be opened or reached, or the keys cannot be used.
@@ -102,7 +110,8 @@ pub fn open(network: &Network) -> Result<Opened, SinkError> {
     })
 }
 
-/// Opens a viewer's session: it only connects, with the keys in `keys` where the capture asks for them.
+/// Opens a viewer's session: it only connects, with the keys in `keys` where the capture asks for them; before it has some,
+/// [`receive_and_send_in_one_thread`].
 ///
 /// # Errors
 /// Nothing answers at the endpoint, or it does not let this viewer in.

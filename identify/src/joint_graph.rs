@@ -13,7 +13,7 @@
 //! the tool turned about the axis is left out, because a grasp that gives, or a tracker that reads angles short, would pull
 //! the radius.
 //!
-//! Each Gauss-Newton step is one block-tridiagonal elimination of the wanders with the geometry as a border, linear in the number of
+//! Each Gauss-Newton step is a block-tridiagonal elimination of either wander with the geometry as a border, side by side, linear in the number of
 //! samples; each `q` is then where the path is nearest. The wander's size and time constant are estimated from how the residuals across the motion grow with lag, so
 //! correlated noise is neither over-trusted (a covariance that counts each sample) nor averaged as if it were white.
 //! A revolute joint has pitch 0 by construction.
@@ -278,10 +278,12 @@ impl State {
         before: [Wander; 2],
     ) -> [Wander; 2] {
         let [position, rotation] = self.across(track, uses_rotations);
-        let (rotation, position) = both(
-            || uses_rotations.then(|| Wander::estimate(&rotation, track, 1e-6))?,
-            || Wander::estimate(&position, track, 1e-6),
-        );
+        let estimate = |series: &[Vec<f64>]| Wander::estimate(series, track, 1e-6);
+        let (rotation, position) = if uses_rotations {
+            both(|| estimate(&rotation), || estimate(&position))
+        } else {
+            (None, estimate(&position))
+        };
         [position.unwrap_or(before[0]), rotation.unwrap_or(before[1])]
     }
 
@@ -319,7 +321,7 @@ impl State {
                             0 => jacobians.along.try_normalize(0.0),
                             _ => (self.axis.kind == JointKind::Revolute).then_some(direction),
                         };
-                        let leftover = self.leftover_of(track, i, &motion, uses_rotations)[part];
+                        let leftover = self.leftover_of(track, i, &motion, part == 1)[part];
                         let measured = Measured {
                             jacobian: &jacobians.geometry[part],
                             residual: leftover - self.wander[i][part],
@@ -335,7 +337,11 @@ impl State {
                 },
             )
         };
-        let (rotations, positions) = both(|| chain(1), || chain(0));
+        let (rotations, positions) = if uses_rotations {
+            both(|| chain(1), || chain(0))
+        } else {
+            (chain(1), chain(0))
+        };
         Some(Linearized::of([positions?, rotations?], active))
     }
 

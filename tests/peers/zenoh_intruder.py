@@ -16,7 +16,7 @@ import sys
 import time
 import tomllib
 
-# This end reads and writes in one thread, too: docs/security.md.
+# This end receives and sends in one thread, too: docs/security.md.
 os.environ["ZENOH_RUNTIME"] = "(tx: (handover: rx), rx: (worker_threads: 1))"
 
 import zenoh
@@ -72,20 +72,20 @@ def heard(opened, seconds, act=lambda: None):
     return len(samples), sum(sample == b"forged" for sample in samples)
 
 
-def unanswered(opened, seconds):
-    """How many of the questions that are asked for `seconds` have no answer, while all samples come."""
+def asked(opened, seconds):
+    """How many questions were asked for `seconds` while all samples came, and how many of them had no answer."""
     everything = opened.declare_subscriber("**", lambda sample: None)
-    begun, count = time.monotonic(), 0
+    begun, answers = time.monotonic(), []
     while time.monotonic() - begun < seconds:
-        count += ask(opened, "status") != "done"
+        answers.append(ask(opened, "status"))
     everything.undeclare()
-    return count
+    return len(answers), answers.count("no answer")
 
 
 def roles(open_viewer, open_operator, seen):
     """What a viewer and an operator can do."""
     with open_operator() as operator, open_viewer() as viewer:
-        seen["unanswered"] = unanswered(viewer, 6)
+        seen["asked"], seen["unanswered"] = asked(viewer, 6)
         seen["viewer hears"], _ = heard(viewer, 3)
         seen["viewer lists"] = len(list(viewer.liveliness().get("@ros2_lv/0/**", timeout=3.0)))
         for name, payload in [("status", None), ("tare", None), ("mark", "forged"), ("start", None), ("stop", None)]:

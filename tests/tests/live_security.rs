@@ -69,6 +69,7 @@ fn assert_roles(seen: &Value) {
         assert!(seen[count].as_u64().unwrap() > 1000, "{count}: {seen}");
     }
     assert!(seen["viewer lists"].as_u64().unwrap() > 5, "{seen}");
+    assert!(seen["asked"].as_u64().unwrap() > 50, "{seen}");
 }
 
 fn assert_unaffected(folder: &Path, summary: &Value, said: &str) {

@@ -83,8 +83,6 @@ const LOST: u8 = 3;
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> ExitCode {
-    // SAFETY: this is the first statement, so no other thread was started.
-    unsafe { network::read_and_write_in_one_thread() };
     logging::to_stderr(tracing::Level::ERROR);
     let arguments = Arguments::parse();
     match watch(&arguments) {
@@ -118,6 +116,10 @@ enum Outcome {
 
 /// Runs until interrupted.
 fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
+    if arguments.keys.is_some() {
+        // SAFETY: the main thread has read its arguments and started nothing.
+        unsafe { network::receive_and_send_in_one_thread() };
+    }
     let stop = stop_flag()?;
     let clock = MonotonicClock::anchored_now();
     let session = network::connect(

@@ -99,6 +99,13 @@ impl Breakaway {
     pub(crate) fn is_stiction(&self) -> bool {
         self.count >= LEAST_COUNT && self.excess - 2.0 * self.std > UNUSUAL * self.sliding
     }
+
+    /// Whether it confirms what another recording surely showed: beyond what dry contacts have and beyond chance, each alone.
+    fn confirms(&self) -> bool {
+        self.count >= LEAST_COUNT
+            && self.excess > UNUSUAL * self.sliding
+            && self.excess > 2.0 * self.std
+    }
 }
 
 /// Break-aways that it takes to tell.
@@ -193,7 +200,7 @@ const SLOWLY: f64 = 6.0;
 /// Speed at which sliding begins, as a share of that below which the joint rests.
 const SLOWEST: f64 = 1e-3;
 
-/// Names stiction when it took more than usual to break away, in `diagnosis` and on each of `others` (file name, samples) alike, and
+/// Names stiction when it surely took more than usual to break away in `diagnosis`, and more than usual on each of `others` (file name, samples), and
 /// nothing else is missing that could be taken for it: a seal that peels off resists on the way behind its place too.
 ///
 /// # Errors
@@ -252,7 +259,7 @@ pub(crate) fn add_stiction(
             return Ok(());
         };
         let there = Breakaway::of(&motion, &found, model.theta.as_slice())?;
-        if !there.is_some_and(|there| there.is_stiction()) {
+        if !there.is_some_and(|there| there.confirms()) {
             let excess = there.map_or(f64::NAN, |there| there.excess);
             refuse(format!(
                 "not confirmed on {file}: there it takes {excess:.3} more to leave rest than to slide, here {:.3}",
@@ -344,6 +351,20 @@ mod tests {
         let model = fit_found(&motion, &[]).unwrap();
         let found = Breakaway::of(&motion, &[], model.theta.as_slice()).unwrap();
         (found.unwrap(), model.theta[1])
+    }
+
+    #[test]
+    fn less_confirms_it_than_it_takes_to_find_it() {
+        let like = |excess: f64, sliding: f64| Breakaway {
+            excess,
+            std: 0.3,
+            sliding,
+            count: LEAST_COUNT,
+        };
+        assert!(like(2.7, 4.0).is_stiction() && like(2.7, 4.0).confirms());
+        assert!(!like(2.3, 4.0).is_stiction() && like(2.3, 4.0).confirms());
+        assert!(!like(1.9, 4.0).confirms());
+        assert!(!like(0.5, 0.5).confirms());
     }
 
     #[test]

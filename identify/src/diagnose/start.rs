@@ -32,8 +32,8 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays. So it is with a load and
-/// its dampers at first where no load was found: a damper may have taken its place.
+/// more than noise is left, the search is made without it, too, and that which leaves less stays. Wherever much more than noise is left it is also
+/// made with a load and its dampers first: a damper may have taken the place of the load, or a ripple that of a damper.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -45,7 +45,7 @@ pub fn diagnose_without(
     let mut first = First::Any;
     let mut best = searched(samples, settings, barred, first)?;
     let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
-    if best.is_far() && !loaded(&best) {
+    if best.is_far() {
         let other = shown(with_a_load(samples, settings, barred))?.flatten();
         if let Some(other) = other
             && loaded(&other)
@@ -113,6 +113,9 @@ fn with_a_load(
     barred: &[&'static str],
 ) -> Result<Option<Diagnosis>, DynamicsError> {
     let mut state = begun(samples, settings, barred)?;
+    if !state.bank.iter().any(|one| is_smooth_load(one.kind)) {
+        return Ok(None);
+    }
     state.begin_with_a_load()?;
     if !state.effects.iter().any(|(found, _)| is_a_load(found)) {
         return Ok(None);

@@ -127,7 +127,8 @@ fn notch(shape: &[f64], q: f64) -> f64 {
 }
 
 /// `tau = hold u exp((1 - u^2) / 2)`, `u = (q - centre) / width`, `hold >= 0`: pulled to the centre from both sides. Or, `round`
-/// = 1, a notch that ends at two widths: `hold sin(pi u / 2)`. Both have their greatest effort at one width.
+/// = 1, a notch that ends at two widths: `hold sin(pi u / 2)`. Both have their greatest effort at one width, which is at most a tenth of
+/// the range that was recorded: what acts over half of it is no place.
 pub const DETENT: Kind = Kind {
     name: "detent",
     belongs: Belongs::Object,
@@ -135,7 +136,7 @@ pub const DETENT: Kind = Kind {
     terms: &[("hold", Unit::Effort, NonNegative)],
     shape: &[
         ("centre", Unit::Position, Search::Way(0.03)),
-        ("width", Unit::Position, Search::Factor(1.6)),
+        ("width", Unit::Position, Search::Between(0.004, 0.1)),
         ("round", Unit::One, Search::Form),
     ],
     variable: Variable::Q,

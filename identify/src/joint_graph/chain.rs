@@ -10,7 +10,7 @@ use super::{GEOMETRY, Wander};
 /// Of a wander, of the position or of the rotation.
 const STATE: usize = 3;
 
-/// A sample's wander in the normal equations: a row for each component, as wide as some vectors of the processor.
+/// A sample's wander in the normal equations: a row for each component.
 #[derive(Clone, Copy)]
 struct Link {
     rows: [[f64; WIDE]; STATE],
@@ -18,11 +18,13 @@ struct Link {
     next: f64,
 }
 
-/// A row: its border with the geometry, its right side, after the elimination the inverse of the Cholesky factor, its diagonal block.
-const WIDE: usize = GEOMETRY + 1 + 2 * STATE;
+/// Of a row: its border with the geometry, its right side, after the elimination the inverse of the Cholesky factor, the diagonal block.
+const WIDE: usize = DIAGONAL + STATE;
 const RIGHT: usize = GEOMETRY;
-const INVERSE: usize = GEOMETRY + 1;
+const INVERSE: usize = RIGHT + 1;
 const DIAGONAL: usize = INVERSE + STATE;
+// Whole vectors of the processor.
+const _: () = assert!(WIDE.is_multiple_of(8));
 
 impl Link {
     const EMPTY: Self = Self {
@@ -73,11 +75,12 @@ pub(super) struct Measured<'a> {
 /// A chain of wanders, of the position or of the rotation, and what its samples say of the geometry.
 pub(super) struct Chain {
     links: Vec<Link>,
-    /// Rows as those of a link.
+    /// Normal equations of the geometry, and their right side; what follows in a row says nothing.
     geometry: [[f64; WIDE]; GEOMETRY],
     /// Sum of squared, weighted, whitened residuals.
     cost: f64,
-    rows: f64,
+    /// Number of residuals.
+    residuals: f64,
 }
 
 /// One linearization of the graph: chains that were eliminated, and the sum of what they leave of the geometry.
@@ -106,7 +109,7 @@ impl Chain {
             links: vec![Link::EMPTY; count],
             geometry: [[0.0; WIDE]; GEOMETRY],
             cost: 0.0,
-            rows: 0.0,
+            residuals: 0.0,
         }
     }
 
@@ -150,7 +153,7 @@ impl Chain {
             }
         }
         self.cost += weight * residual.norm_squared();
-        self.rows += components;
+        self.residuals += components;
     }
 
     /// Adds the wander's own dynamics between sample `i` and the one `before` it, or its prior at the start of a run.
@@ -181,7 +184,7 @@ impl Chain {
             }
         }
         self.cost += weight * error.norm_squared();
-        self.rows += STATE as f64;
+        self.residuals += STATE as f64;
     }
 
     /// Takes one sample's wander after the other out of those that follow and out of the geometry.
@@ -250,7 +253,7 @@ impl Linearized {
     /// Solves for the geometry, and substitutes back.
     pub(super) fn solve(&self) -> Option<Step> {
         let (geometry, covariance) = self.solve_geometry()?;
-        let rows: f64 = self.chains.iter().map(|chain| chain.rows).sum();
+        let residuals: f64 = self.chains.iter().map(|chain| chain.residuals).sum();
         let states: usize = self
             .chains
             .iter()
@@ -260,7 +263,7 @@ impl Linearized {
             geometry,
             wanders: self.chains.each_ref().map(|chain| chain.back(&geometry)),
             covariance,
-            freedom: rows - (states + self.active.len()) as f64,
+            freedom: residuals - (states + self.active.len()) as f64,
         })
     }
 

@@ -22,6 +22,9 @@ const INERTIA: usize = 10;
 
 type Normal = SMatrix<f64, COUNT, COUNT>;
 type Parameters = SVector<f64, COUNT>;
+/// A force tells of m and h, a torque of h and Jo.
+const OF_FORCE: usize = 4;
+const OF_TORQUE: usize = 9;
 /// Columns of m, h, Jo for one axis of force or torque.
 type Columns = SVector<f64, 10>;
 
@@ -93,27 +96,29 @@ impl FreeAir {
             .iter()
             .filter(|run| run.len() > 2 * filter.edge_samples());
         let border = (LATEST_S / tool.period).ceil() as usize;
-        let mut blocks = [Block::empty(), Block::empty()];
         let mut measured = Vec::new();
-        let mut columns_of = Vec::new();
+        let mut columns: [Vec<Vec<[f64; 10]>>; 6] = Default::default();
         for run in long {
             measured.push(filter.zero_phase_settled_each(&tool.wrench[run.clone()])?);
             let models: Vec<[Columns; 6]> = run.clone().map(|i| model(kinematics, i)).collect();
-            // A force tells of m and h, a torque of h and Jo.
-            columns_of.push([0, 1, 2, 3, 4, 5].map(|axis| match axis {
-                0..3 => filtered::<BIAS>(&filter, &models, axis, 0),
-                _ => filtered::<9>(&filter, &models, axis, 1),
-            }));
+            for (axis, columns) in columns.iter_mut().enumerate() {
+                columns.push(if axis < 3 {
+                    filtered::<OF_FORCE>(&filter, &models, step, axis, 0)?
+                } else {
+                    filtered::<OF_TORQUE>(&filter, &models, step, axis, 10 - OF_TORQUE)?
+                });
+            }
         }
-        for axis in 0..6 {
-            for (stretch, columns) in columns_of.iter().enumerate() {
-                let columns = columns[axis].as_ref().map_err(Clone::clone)?;
+        let mut blocks = [Block::empty(), Block::empty()];
+        for (axis, columns) in columns.iter().enumerate() {
+            for (stretch, (columns, measured)) in columns.iter().zip(&measured).enumerate() {
                 // None at the ends of a stretch, where differences and filter see one side only.
-                let border = border.min(columns.len() / 4);
-                let inside = border..columns.len().saturating_sub(border);
-                for at in (0..columns.len()).step_by(step) {
+                let border = border.min(measured.len() / 4);
+                let inside = border..measured.len().saturating_sub(border);
+                for (k, columns) in columns.iter().enumerate() {
+                    let at = k * step;
                     if inside.contains(&at) {
-                        blocks[axis / 3].push(&columns[at], Place { stretch, at, axis });
+                        blocks[axis / 3].push(columns, Place { stretch, at, axis });
                     }
                 }
             }
@@ -130,16 +135,17 @@ impl FreeAir {
         let late = late_s / self.period;
         let parts = self.blocks.each_ref().map(|block| {
             let mut right = Parameters::zeros();
-            let read = block.places.iter().zip(&block.rows).map(|(place, row)| {
+            let mut targets = Vec::with_capacity(block.rows.len());
+            for (place, row) in block.places.iter().zip(&block.rows) {
+                // Of a stretch that is longer than the filter's edges.
                 let measured = &self.measured[place.stretch];
                 let at = (place.at as f64 + late).clamp(0.0, (measured.len() - 2) as f64);
                 let low = at as usize;
                 let [a, b] = [low, low + 1].map(|i| measured[i][place.axis]);
                 let target = a + (b - a) * (at - low as f64);
                 right += row * target;
-                target
-            });
-            let targets = read.collect();
+                targets.push(target);
+            }
             Part {
                 block,
                 targets,
@@ -325,14 +331,14 @@ impl Rows<'_> {
             theta[INERTIA + k] = inertia[(i, j)];
         }
         let (mut mean, mut std) = ([0.0; 6], [0.0; 6]);
+        let residuals = self.parts.each_ref().map(|part| part.residuals(&theta));
         for axis in 0..6 {
-            let part = &self.parts[axis / 3];
-            let left: Vec<f64> = part
-                .residuals(&theta)
-                .into_iter()
-                .zip(&part.block.places)
+            let places = &self.parts[axis / 3].block.places;
+            let left: Vec<f64> = residuals[axis / 3]
+                .iter()
+                .zip(places)
                 .filter(|(_, place)| place.axis == axis)
-                .map(|(left, _)| left)
+                .map(|(left, _)| *left)
                 .collect();
             let n = left.len().max(1) as f64;
             mean[axis] = left.iter().sum::<f64>() / n;
@@ -371,17 +377,18 @@ fn body_of(all: &Normal) -> SMatrix<f64, 10, 10> {
     SMatrix::from_fn(|i, j| all[(place(i), place(j))])
 }
 
-/// `N` columns of one axis from the `first` on, filtered, the others zero.
+/// `N` columns of one axis from the `first` on, filtered, of every `step`-th sample; the others are zero.
 fn filtered<const N: usize>(
     filter: &LowPass,
     models: &[[Columns; 6]],
+    step: usize,
     axis: usize,
     first: usize,
 ) -> Result<Vec<[f64; 10]>, FilterError> {
     let of = |model: &[Columns; 6]| core::array::from_fn(|k| model[axis][first + k]);
     let series: Vec<[f64; N]> = models.iter().map(of).collect();
     let filtered = filter.zero_phase_settled_each(&series)?;
-    let widened = filtered.iter().map(|some| {
+    let widened = filtered.iter().step_by(step).map(|some| {
         let mut all = [0.0; 10];
         all[first..first + N].copy_from_slice(some);
         all

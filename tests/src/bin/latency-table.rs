@@ -64,8 +64,6 @@ const END: f32 = -1.0;
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> Result<(), Failure> {
-    // SAFETY: this is the first statement, so no other thread was started.
-    unsafe { network::read_and_write_in_one_thread() };
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if arguments
         .first()

@@ -1,5 +1,6 @@
 //! `cargo run --release -p ft-tests --bin speed -- [SECONDS] [SCENARIO]`: the whole identification beside the paper's pipeline in Python
-//! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines.
+//! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines. The short parts of
+//! ours are medians of seven, all else, Python too, runs once.
 //!
 //! Both begin with the streams in memory, Python with arrays and ours with what was read of the MCAP file, whose reading has its own line;
 //! all of `ft-identify` begins with the file. PyTorch on as many threads as it

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use ft_capture::config::is_name;
-use ft_capture::{foxglove, logging, network};
+use ft_capture::{foxglove, logging};
 use ft_recording::ReadError;
 
 /// Exit codes: 0 fine, 1 failed, 2 wrong arguments, 3 finished but data was lost.
@@ -227,8 +227,6 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    // SAFETY: this is the first statement, so no other thread was started.
-    unsafe { network::read_and_write_in_one_thread() };
     logging::to_stderr(tracing::Level::WARN);
     let arguments = Arguments::parse();
     let result = match arguments.command {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
 use ft_capture::config::Config;
+use ft_capture::network;
 use ft_capture::open::Connection;
 use ft_capture::session::{Plan, live};
 use ft_capture::stop::stop_flag;
@@ -29,9 +30,17 @@ pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
             )
             .exit();
     }
-    let summary = match &arguments.sim {
-        None => from_devices(arguments)?,
-        Some(scenario) => simulate::run(arguments, scenario)?,
+    let read = || Config::load(&arguments.config);
+    let config = arguments.sim.is_none().then(read).transpose()?;
+    let configured = config.as_ref().and_then(|it| it.network.keys.as_ref());
+    if configured.or(arguments.keys.as_ref()).is_some() {
+        // SAFETY: the main thread has read its arguments and the configuration, and started nothing.
+        unsafe { network::receive_and_send_in_one_thread() };
+    }
+    let summary = match (config, &arguments.sim) {
+        (Some(config), _) => from_devices(arguments, config)?,
+        (None, Some(scenario)) => simulate::run(arguments, scenario)?,
+        (None, None) => unreachable!("without a scenario the configuration was read"),
     };
     if arguments.json {
         say(&serde_json::to_string_pretty(&summary)?)?;
@@ -46,8 +55,10 @@ pub(crate) fn record(arguments: &RecordArguments) -> CommandResult {
     Ok(Outcome::of(summary.lost_data()))
 }
 
-fn from_devices(arguments: &RecordArguments) -> Result<Summary, Box<dyn std::error::Error>> {
-    let config = Config::load(&arguments.config)?;
+fn from_devices(
+    arguments: &RecordArguments,
+    config: Config,
+) -> Result<Summary, Box<dyn std::error::Error>> {
     let clock = MonotonicClock::anchored_now();
     let default_name = format!("ft-{}.mcap", clock.now().as_nanos() / 1_000_000_000);
     let plan = plan(arguments, config, &default_name);
