@@ -75,6 +75,12 @@ pub enum KeyError {
         /// Where and what.
         source: Box<toml::de::Error>,
     },
+    /// The capture's own keys are no viewer's.
+    #[error("{}: the capture's own; a viewer takes the folder of its name beside it", path.display())]
+    OfCapture {
+        /// Which folder.
+        path: PathBuf,
+    },
     /// A name cannot be a folder's, or is there twice.
     #[error("{name:?}: names are letters, digits, - and _, each one once, and not \"capture\"")]
     Name {
@@ -212,6 +218,21 @@ pub fn read_login(folder: &Path) -> Result<Option<Login>, KeyError> {
     }
 }
 
+/// Whether `folder` has what a viewer shows: Zenoh itself would only wait in vain for a capture to answer.
+///
+/// # Errors
+/// It has not.
+pub fn check_of_viewer(folder: &Path) -> Result<(), KeyError> {
+    let path = folder.join("ca.pem");
+    match fs::metadata(&path) {
+        Ok(_) if folder.join("roles.toml").exists() => Err(KeyError::OfCapture {
+            path: folder.to_owned(),
+        }),
+        Ok(_) => Ok(()),
+        Err(source) => Err(KeyError::Io { path, source }),
+    }
+}
+
 fn read_toml<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, KeyError> {
     let text = fs::read_to_string(path).map_err(|source| KeyError::Io {
         path: path.to_owned(),
@@ -262,6 +283,10 @@ mod tests {
             }
             assert_eq!(files, if proof == Proof::Certificate { 10 } else { 9 });
             assert_eq!(read_roles(&folder.join("capture")).unwrap(), roles(proof));
+            assert!(check_of_viewer(&folder.join("bob")).is_ok());
+            for wrong in ["capture", "nobody", ""] {
+                assert!(check_of_viewer(&folder.join(wrong)).is_err(), "{wrong}");
+            }
             let login = read_login(&folder.join("bob")).unwrap();
             assert_eq!(login.is_some(), proof == Proof::Password);
         }

@@ -196,6 +196,7 @@ impl Settings {
     }
 
     fn secure_viewer(&mut self, folder: &Path) -> Result<(), SinkError> {
+        keys::check_of_viewer(folder)?;
         let file = |name: &str| json!(folder.join(name));
         self.0.extend([
             ("transport/link/tls/root_ca_certificate", file("ca.pem")),
