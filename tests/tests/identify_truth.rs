@@ -259,7 +259,7 @@ fn dampers_side_by_side_are_told_apart_whatever_is_beside_them() {
         (85_100_137, Some("time_lag"), Verdict::Explained),
         // A ripple took the place of the second damper.
         (375_100_226, Some("ripple"), Verdict::Explained),
-        // The other recording shows it with less room for chance.
+        // The other recording shows it less surely.
         (375_100_241, Some("stiction"), Verdict::Explained),
     ] {
         let judged = Pair::of(seed).judged(&[CONFIRM]);
