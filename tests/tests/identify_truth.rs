@@ -261,6 +261,8 @@ fn dampers_side_by_side_are_told_apart_whatever_is_beside_them() {
         (375_100_226, Some("ripple"), Verdict::Explained),
         // The other recording shows it less surely.
         (375_100_241, Some("stiction"), Verdict::Explained),
+        // Nor does it show all three dampers apart, but how late the effort is it does.
+        (405_100_169, Some("time_lag"), Verdict::Explained),
     ] {
         let judged = Pair::of(seed).judged(&[CONFIRM]);
         assert!(judged.truth.iter().eq(&name), "{judged:?}");

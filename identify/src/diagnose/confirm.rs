@@ -177,6 +177,21 @@ pub fn confirm(
     Ok(out)
 }
 
+/// Those of `found` whose estimates a motion shows, beside those before them.
+fn shown_apart(motion: &Motion, found: Vec<Found>) -> Result<Vec<Found>, DynamicsError> {
+    if shown(fit_found(motion, &found))?.is_some() {
+        return Ok(found);
+    }
+    let mut out = Vec::new();
+    for one in found {
+        out.push(one);
+        if shown(fit_found(motion, &out))?.is_none() {
+            out.pop();
+        }
+    }
+    Ok(out)
+}
+
 /// A fit, or nothing where the samples do not show all effects apart: one may act where the joint turns and nowhere else.
 pub(crate) fn shown<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
     match fit {
@@ -254,7 +269,7 @@ fn confirm_lag(
     let mut pairs = Vec::new();
     let mut failed = None;
     for ((file, samples, ground), shift) in grounds.iter_mut().zip(&mut *shifts) {
-        let found = objects(diagnosis);
+        let found = shown_apart(&ground.motion, objects(diagnosis))?;
         let mut there = 0.0;
         let error = |ground: &Ground| {
             let fit = shown(fit_found(&ground.motion, &found))?;
