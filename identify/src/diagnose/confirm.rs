@@ -177,15 +177,23 @@ pub fn confirm(
     Ok(out)
 }
 
-/// Those of `found` whose estimates a motion shows, beside those before them.
+/// What of `found`, term by term and in order, a motion shows apart from what is kept before.
 fn shown_apart(motion: &Motion, found: Vec<Found>) -> Result<Vec<Found>, DynamicsError> {
     if shown(fit_found(motion, &found))?.is_some() {
         return Ok(found);
     }
-    let mut out = Vec::new();
+    let mut out: Vec<Found> = Vec::new();
     for one in found {
-        out.push(one);
-        if shown(fit_found(motion, &out))?.is_none() {
+        let last = out.len();
+        out.push(Found {
+            used: vec![false; one.used.len()],
+            ..one.clone()
+        });
+        for term in (0..one.used.len()).filter(|&term| one.used[term]) {
+            out[last].used[term] = true;
+            out[last].used[term] = shown(fit_found(motion, &out))?.is_some();
+        }
+        if !out[last].used.contains(&true) {
             out.pop();
         }
     }
@@ -278,7 +286,7 @@ fn confirm_lag(
         let Some(before) = error(ground)? else {
             pairs.push([f64::NAN; 2]);
             failed = Some((
-                format!("not confirmed on {file}: it does not show the effects apart"),
+                format!("not confirmed on {file}: it does not show inertia and friction apart"),
                 [f64::NAN; 2],
             ));
             continue;
