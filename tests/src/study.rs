@@ -3,7 +3,7 @@
 mod objects;
 mod plot;
 
-pub use objects::objects;
+pub use objects::{objects, picked};
 pub use plot::inertia_plot;
 
 use crate::truth::Comparison;
@@ -24,7 +24,12 @@ impl Spread {
     /// Median; NaN when there is none.
     #[must_use]
     pub fn median(&self) -> f64 {
-        self.0.get(self.0.len() / 2).copied().unwrap_or(f64::NAN)
+        let (count, half) = (self.0.len(), self.0.len() / 2);
+        match count % 2 {
+            _ if count == 0 => f64::NAN,
+            0 => 0.5 * (self.0[half - 1] + self.0[half]),
+            _ => self.0[half],
+        }
     }
 
     /// Mean.

@@ -19,7 +19,8 @@ use crate::payload::is_another;
 pub(super) const LEAST_SIZE: f64 = 0.5;
 const LOCAL: f64 = 0.25;
 const LEAST_OF_LOCAL: f64 = 0.6;
-/// Held-out errors within this factor of the floor have nothing to explain.
+/// Held-out errors within this factor of the floor have nothing to explain, unless an effect of [`LEAST_SIZE`] takes its part away: noise
+/// cannot be foretold, so then the floor was estimated too high.
 const AT_FLOOR: f64 = 1.03;
 /// A load that a sensor's offset may be must move the effort by so many standard deviations of that.
 const OFFSETS: f64 = 2.0;
@@ -214,7 +215,7 @@ impl State {
                 ));
             }
         }
-        if seen.mse.sqrt() < AT_FLOOR * floor {
+        if seen.mse.sqrt() < AT_FLOOR * floor && size < LEAST_SIZE * floor {
             return Some(format!(
                 "the residual {:.3} is what noise and processing leave ({floor:.3})",
                 seen.mse.sqrt()

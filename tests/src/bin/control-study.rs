@@ -1,15 +1,27 @@
-//! `cargo run --release -p ft-tests --bin control-study -- [SEEDS] [FIRST]`: an impedance controller opens five simulated objects with
-//! two arms, its feed-forward from the identified twin, from a guess, or none. All figures are simulated but the row that says
-//! "published". The arms and what is assumed of them: `tests/src/control/robots.rs`.
+//! What a controller gains by the twin: `control-study --help`.
 
+use clap::Parser;
 use ft_tests::control::{Attempt, attempts, markdown, tasks};
 
+/// An impedance controller opens five simulated objects with two arms, its feed-forward from the identified twin, from a guess, or none.
+///
+/// All figures are simulated but the row that says "published". The arms and what is assumed of them: `tests/src/control/robots.rs`.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  control-study 3 501")]
+struct Arguments {
+    /// Recordings of each
+    #[arg(default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Seed of the first
+    #[arg(default_value_t = 1)]
+    first_seed: u64,
+}
+
 fn main() {
-    let mut numbers = std::env::args()
-        .skip(1)
-        .map(|text| text.parse::<u64>().ok());
-    let seeds = numbers.next().flatten().unwrap_or(5);
-    let first = numbers.next().flatten().unwrap_or(1);
+    let Arguments {
+        seeds,
+        first_seed: first,
+    } = Arguments::parse();
     let file = std::env::temp_dir().join(format!("control-study-{}.mcap", std::process::id()));
     let mut all: Vec<Attempt> = Vec::new();
     for task in tasks() {

@@ -1,5 +1,4 @@
-//! `cargo run -p ft-tests --bin latency-table -- [WINDOWS] [RATE_HZ]...`: from the link's last byte to a subscriber in another
-//! process, beside a bare Zenoh publisher of the same bytes.
+//! `latency-table --help`: from the link's last byte to a subscriber in another process, beside a bare Zenoh publisher of the same bytes.
 //!
 //! ```text
 //! a device's thread ─► pty ─► ours: link thread: driver, stamps -> queue -> publisher thread: CDR, kept for recorders -> Zenoh ─┐
@@ -14,6 +13,7 @@
 //! system likes, and with both of ours on one processor (`network.processor`), the last. Default: 40 windows of each at 1, 4 and 8 kHz, about
 //! four minutes.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -24,6 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
+use clap::Parser;
 use ft_capture::channel::Channel;
 use ft_capture::config::Network;
 use ft_capture::ledger::StreamCounters;
@@ -63,23 +64,34 @@ const END: f32 = -1.0;
 
 type Failure = Box<dyn std::error::Error>;
 
+/// From the link's last byte to a subscriber in another process, beside a bare Zenoh publisher of the same bytes.
+///
+/// Each rate twice: with the threads wherever the system likes, and with both of ours on the last processor (`network.processor`). As it
+/// stands, about four minutes.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  latency-table 16 1000 8000")]
+struct Arguments {
+    /// Windows of 400 ms of each
+    #[arg(default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..))]
+    windows: u16,
+    /// Samples a second
+    #[arg(value_name = "RATE_HZ", default_values_t = [1000, 4000, 8000], value_parser = clap::value_parser!(u64).range(1..))]
+    rates: Vec<u64>,
+    /// Is the other process
+    #[arg(long, hide = true)]
+    subscribe: bool,
+}
+
 fn main() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    if arguments
-        .first()
-        .is_some_and(|first| first == "--subscribe")
-    {
+    let Arguments {
+        windows,
+        rates,
+        subscribe: subscribes,
+    } = Arguments::parse();
+    if subscribes {
         return subscribe();
     }
-    let windows: usize = arguments.first().map_or(Ok(40), |text| text.parse())?;
-    let mut rates = arguments
-        .iter()
-        .skip(1)
-        .map(|text| text.parse())
-        .collect::<Result<Vec<u64>, _>>()?;
-    if rates.is_empty() {
-        rates = vec![1000, 4000, 8000];
-    }
+    let windows = usize::from(windows);
     println!(
         "{windows} windows of {} ms each way, {} processors, load {}",
         WINDOW.as_millis(),
@@ -222,6 +234,8 @@ struct Device {
     clock: MonotonicClock,
     /// When each frame was about to be written, by its number, as [`now_ns`].
     sent: [Vec<i64>; 2],
+    /// The sensors' times of their last frames, us.
+    stamps: [Cell<i64>; 2],
 }
 
 impl Device {
@@ -234,6 +248,7 @@ impl Device {
             terminals,
             clock,
             sent: Default::default(),
+            stamps: Default::default(),
         })
     }
 
@@ -270,21 +285,29 @@ impl Device {
     }
 
     /// A frame with that force; the time before. Nothing where the port has no room for it.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the sensor's clock wraps"
-    )]
     fn write(&self, kind: usize, force: f32) -> Option<i64> {
         let frame = encode(&Sample {
             status: Status(0),
             force: [force, 2.0, 3.0],
             torque: [0.1, 0.2, 0.3],
-            timestamp_us: (now_ns() / 1000) as u32,
+            timestamp_us: self.stamp_us(kind),
             temperature_celsius: 25.0,
         });
         let at = now_ns();
         (self.terminals[kind].write(&frame) == FRAME_LEN).then_some(at)
+    }
+
+    /// The sensor's own time of a frame. No two have the same: what catches up comes faster than one in a microsecond, and a driver takes such a
+    /// frame for one that was sent twice.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the sensor's clock wraps"
+    )]
+    fn stamp_us(&self, kind: usize) -> u32 {
+        let stamp = (now_ns() / 1000).max(self.stamps[kind].get() + 1);
+        self.stamps[kind].set(stamp);
+        stamp as u32
     }
 
     /// Waits until both ports are read.

@@ -1,28 +1,39 @@
-//! `cargo run --release -p ft-tests --bin mechanism-table -- [SEEDS] [FIRST_SEED] [OBJECT]...`: the mechanism as splines and as the paper's
-//! network on the study's objects: error on left-out strokes and time. All figures are simulated.
+//! The two forms of the mechanism side by side: `mechanism-table --help`.
 
+use clap::Parser;
 use ft_tests::mechanisms::{forms_of, markdown};
-use ft_tests::study::objects;
+use ft_tests::study::picked;
+
+/// The mechanism as splines and as the paper's network on the study's objects: error on left-out strokes and time.
+///
+/// All figures are simulated.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  mechanism-table 3 501 wood_door")]
+struct Arguments {
+    /// Recordings of each object
+    #[arg(default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Seed of the first
+    #[arg(default_value_t = 101)]
+    first_seed: u64,
+    /// Only these
+    objects: Vec<String>,
+}
 
 fn main() -> std::io::Result<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (numbers, names): (Vec<&String>, Vec<&String>) = arguments
-        .iter()
-        .partition(|text| text.parse::<u64>().is_ok());
-    let number = |k: usize, default: u64| {
-        numbers
-            .get(k)
-            .and_then(|n| n.parse().ok())
-            .unwrap_or(default)
-    };
-    let (seeds, first) = (number(0, 1), number(1, 101));
+    let Arguments {
+        seeds,
+        first_seed: first,
+        objects,
+    } = Arguments::parse();
+    let objects = picked(&objects).unwrap_or_else(|reason| {
+        eprintln!("{reason}");
+        std::process::exit(2);
+    });
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("recording.mcap");
     let mut results = Vec::new();
-    for object in objects() {
-        if !names.is_empty() && !names.contains(&&object.name) {
-            continue;
-        }
+    for object in objects {
         for seed in first..first + seeds {
             eprintln!("{} {seed}", object.name);
             results.push(forms_of(&object, seed, &file));

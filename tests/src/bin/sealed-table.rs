@@ -1,17 +1,4 @@
-//! Sealed draws recorded through the drivers, diagnosed with a confirming recording, and compared with the truth, by effect.
-//! All figures are simulated.
-//!
-//! ```text
-//! cargo run -p ft-tests --bin sealed-table -- [DRAWS] [FIRST_SEED] [-o FILE] [--bare] [--two P] [--none P] [--outside P]
-//!     [--effect NAME]... [--alone] [--keep DIR] [--jobs N]
-//! ```
-//!
-//! A line per draw goes to standard output as it is done; the tables over all draws so far are written to FILE
-//! (`sealed-table.md` when not given) after each, so that they are there whenever the run is ended.
-//!
-//! `--alone` identifies without the confirming recording. `--keep DIR` leaves recordings, truths and reports there and takes
-//! recordings that are there already. The identification is given two recordings; the truth and a third recording, of
-//! sensors without noise, go to the judge alone. Draws without any effect are identified without confirmation too.
+//! Sealed draws, diagnosed and compared with the truth: `sealed-table --help`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -19,6 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use clap::Parser;
 use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::{Identified, identify_confirmed, joint_samples};
 use ft_recording::{Recording, TopicMap};
@@ -27,24 +15,68 @@ use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions};
 use ft_tests::sealed::{Judged, simulated_floor, tables};
 use ft_tests::truth::{Trial, try_record};
 
+/// Sealed draws recorded through the drivers, diagnosed with a confirming recording, and compared with the truth, by effect.
+///
+/// All figures are simulated. A line per draw goes to standard output as it is done; the tables over all draws so far are written after
+/// each, so that they are there whenever the run is ended.
+///
+/// The identification is given two recordings; the truth and a third recording, of sensors without noise, go to the judge alone. Draws
+/// without any effect are identified without confirmation too.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  sealed-table 20 501 --effect ripple --keep draws")]
 struct Options {
+    /// So many
+    #[arg(default_value_t = 20)]
     draws: u64,
+    /// Seed of the first
+    #[arg(value_name = "FIRST_SEED", default_value_t = 1000)]
     first: u64,
-    sealed: SealedOptions,
-    confirm: bool,
+    /// File of the tables
+    #[arg(
+        short,
+        long = "output",
+        value_name = "FILE",
+        default_value = "sealed-table.md"
+    )]
+    output: PathBuf,
+    /// Objects without their own mechanisms
+    #[arg(long)]
+    bare: bool,
+    /// Share of the draws with two effects
+    #[arg(long, value_name = "SHARE")]
+    two: Option<f64>,
+    /// Share of the draws with none
+    #[arg(long, value_name = "SHARE")]
+    none: Option<f64>,
+    /// Share of the draws with one that the library lacks
+    #[arg(long, value_name = "SHARE")]
+    outside: Option<f64>,
+    /// Only this one, or these
+    #[arg(long, value_name = "NAME")]
+    effect: Vec<String>,
+    /// Identifies without the confirming recording
+    #[arg(long)]
+    alone: bool,
+    /// Leaves recordings, truths and reports there and takes recordings that are there already
+    #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
-    tables: PathBuf,
+    /// So many draws at a time: all processors' without
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
     jobs: usize,
 }
 
 fn main() {
-    let options = match Options::parse(std::env::args().skip(1)) {
-        Ok(options) => options,
-        Err(reason) => {
-            eprintln!("sealed-table: {reason}");
-            std::process::exit(2);
-        }
-    };
+    let options = Options::parse();
+    let created = options.keep.as_ref().map(std::fs::create_dir_all);
+    // Before the work, so that none is lost to a place that cannot be.
+    if let Some(Err(error)) = created {
+        eprintln!("cannot keep the draws: {error}");
+        std::process::exit(1);
+    }
+    said(&[], &options).unwrap_or_else(|error| {
+        eprintln!("{error}");
+        std::process::exit(1);
+    });
     let next = AtomicU64::new(options.first);
     let judged = Mutex::new(Vec::new());
     let work = || {
@@ -59,7 +91,10 @@ fn main() {
                         .lock()
                         .unwrap_or_else(std::sync::PoisonError::into_inner);
                     judged.push(line);
-                    said(&judged, &options);
+                    if let Some(last) = judged.last() {
+                        let _ = writeln!(std::io::stdout(), "{last}");
+                    }
+                    said(&judged, &options).unwrap_or_else(|error| eprintln!("{error}"));
                 }
                 Err(reason) => eprintln!("{seed}: {reason}"),
             }
@@ -77,11 +112,8 @@ fn main() {
     let _ = std::io::stdout().write_all(tables(&judged).as_bytes());
 }
 
-/// The last draw as a line, and the tables over all.
-fn said(judged: &[Judged], options: &Options) {
-    if let Some(last) = judged.last() {
-        let _ = writeln!(std::io::stdout(), "{last}");
-    }
+/// The tables over all, into their file.
+fn said(judged: &[Judged], options: &Options) -> Result<(), String> {
     let text = format!(
         "{} of {} draws from seed {}\n\n{}",
         judged.len(),
@@ -89,61 +121,31 @@ fn said(judged: &[Judged], options: &Options) {
         options.first,
         tables(judged)
     );
-    if let Err(error) = std::fs::write(&options.tables, text) {
-        eprintln!("cannot write {}: {error}", options.tables.display());
-    }
+    let file = &options.output;
+    std::fs::write(file, text).map_err(|error| format!("cannot write {}: {error}", file.display()))
 }
 
 impl Options {
-    fn parse(arguments: impl Iterator<Item = String>) -> Result<Self, String> {
-        let mut out = Self {
-            draws: 20,
-            first: 1000,
-            sealed: SealedOptions::default(),
-            confirm: true,
-            keep: None,
-            tables: PathBuf::from("sealed-table.md"),
-            jobs: std::thread::available_parallelism().map_or(1, usize::from),
-        };
-        let mut numbers = Vec::new();
-        let mut arguments = arguments;
-        while let Some(argument) = arguments.next() {
-            let mut value = || {
-                arguments
-                    .next()
-                    .ok_or_else(|| format!("{argument} needs a value"))
-            };
-            match argument.as_str() {
-                "--bare" => out.sealed.mechanisms = Mechanisms::Dropped,
-                "--alone" => out.confirm = false,
-                "--two" => out.sealed.two = parsed(&value()?)?,
-                "--none" => out.sealed.none = parsed(&value()?)?,
-                "--outside" => out.sealed.outside = parsed(&value()?)?,
-                "--effect" => out.sealed.only.push(value()?),
-                "--keep" => out.keep = Some(PathBuf::from(value()?)),
-                "-o" => out.tables = PathBuf::from(value()?),
-                "--jobs" => out.jobs = parsed(&value()?)?,
-                number => numbers.push(parsed(number)?),
-            }
+    fn sealed(&self) -> SealedOptions {
+        let usual = SealedOptions::default();
+        SealedOptions {
+            mechanisms: if self.bare {
+                Mechanisms::Dropped
+            } else {
+                usual.mechanisms
+            },
+            two: self.two.unwrap_or(usual.two),
+            none: self.none.unwrap_or(usual.none),
+            outside: self.outside.unwrap_or(usual.outside),
+            only: self.effect.clone(),
         }
-        if let Some(draws) = numbers.first() {
-            out.draws = *draws;
-        }
-        if let Some(first) = numbers.get(1) {
-            out.first = *first;
-        }
-        Ok(out)
     }
-}
-
-fn parsed<T: std::str::FromStr>(text: &str) -> Result<T, String> {
-    text.parse().map_err(|_| format!("{text:?} is no number"))
 }
 
 /// Records and identifies one draw.
 fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     let draw =
-        SealedDraw::draw(seed, &options.sealed).map_err(|error| format!("not drawn: {error}"))?;
+        SealedDraw::draw(seed, &options.sealed()).map_err(|error| format!("not drawn: {error}"))?;
     let mut temporary = None;
     let folder = match &options.keep {
         Some(keep) => keep.join(seed.to_string()),
@@ -165,7 +167,7 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     let quiet = recorded("quiet.mcap", &without_noise(&draw.main), seed)?;
     #[allow(clippy::disallowed_methods, reason = "a stopwatch")]
     let started = Instant::now();
-    let found = identified(&main, options.confirm.then_some(confirm))?;
+    let found = identified(&main, (!options.alone).then_some(confirm))?;
     let seconds = started.elapsed().as_secs_f64();
     if options.keep.is_some() {
         write(&folder.join("truth.json"), &draw.truth)?;
@@ -177,7 +179,7 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
         .and_then(|quiet| joint_samples(&quiet, &settings).ok())
         .and_then(|quiet| simulated_floor(&found, &quiet));
     let judged = Judged::of(&draw.truth, &found, floor, seconds);
-    if draw.truth.effects.is_empty() && options.confirm {
+    if draw.truth.effects.is_empty() && !options.alone {
         let alone = identified(&main, None)?;
         return Ok(judged.with_alone(&draw.truth, &alone.report));
     }

@@ -1,26 +1,51 @@
-//! `cargo run -p ft-tests --bin soak -- [SECONDS] [SPEED] [SEED]`: Bota at 800 Hz, Robotous at 1 kHz, an encoder at 100 Hz and a
-//! tracker at 1 kHz, SPEED times as fast, by pseudo-terminals before the service's own drivers and link threads, with bits
-//! flipped, bytes lost, noise, frames sent twice, silences and unplugging. Fails unless memory is flat, no thread is stuck, and
-//! every frame is accounted for. Default: 450 s at 4 times the rate, half an hour's frames.
-//!
-//! `cargo run -p ft-tests --bin soak -- eight [SECONDS]`: eight force-torque sensors at 1 kHz without a fault; not one sample may be
-//! missing.
+//! Half an hour of frames with faults: `soak --help`.
 
 use std::process::ExitCode;
 use std::time::Duration;
 
+use clap::{Parser, Subcommand};
 use ft_tests::soak::{Plan, run};
 
+/// Bota at 800 Hz, Robotous at 1 kHz, an encoder at 100 Hz and a tracker at 1 kHz before the service's own drivers and link threads.
+///
+/// They come by pseudo-terminals, SPEED times as fast, with bits flipped, bytes lost, noise, frames sent twice, silences and unplugging. Fails
+/// unless memory is flat, no thread is stuck, and every frame is accounted for.
+#[derive(Parser)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  soak 60 4 7\n  soak eight 60"
+)]
+struct Arguments {
+    /// How long, s: half an hour's frames at the default speed
+    #[arg(default_value_t = 450.0)]
+    seconds: f64,
+    /// Times as fast as the devices
+    #[arg(default_value_t = 4.0)]
+    speed: f64,
+    /// Of the faults
+    #[arg(default_value_t = 1)]
+    seed: u64,
+    #[command(subcommand)]
+    other: Option<Other>,
+}
+
+#[derive(Subcommand)]
+enum Other {
+    /// Eight force-torque sensors at 1 kHz without a fault; not one sample may be missing
+    Eight {
+        /// How long, s
+        #[arg(default_value_t = 60.0)]
+        seconds: f64,
+    },
+}
+
 fn main() -> Result<ExitCode, Box<dyn std::error::Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let argument = |at: usize, default: f64| -> Result<f64, std::num::ParseFloatError> {
-        arguments.get(at).map_or(Ok(default), |text| text.parse())
-    };
-    let plan = if arguments.first().is_some_and(|first| first == "eight") {
-        Plan::eight(Duration::try_from_secs_f64(argument(1, 60.0)?)?)
+    let arguments = Arguments::parse();
+    let plan = if let Some(Other::Eight { seconds }) = arguments.other {
+        Plan::eight(Duration::try_from_secs_f64(seconds)?)
     } else {
-        let length = Duration::try_from_secs_f64(argument(0, 450.0)?)?;
-        Plan::gripper(length, argument(1, 4.0)?, argument(2, 1.0)? as u64)
+        let length = Duration::try_from_secs_f64(arguments.seconds)?;
+        Plan::gripper(length, arguments.speed, arguments.seed)
     };
     let report = run(&plan)?;
     println!("{report}");

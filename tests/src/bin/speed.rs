@@ -1,17 +1,11 @@
-//! `cargo run --release -p ft-tests --bin speed -- [SECONDS] [SCENARIO]`: the whole identification beside the paper's pipeline in Python
-//! (`tests/peers/paper_pipeline.py`) on the same simulated recording, in one run; ratios, not times, carry over to other machines. The short parts of
-//! ours are medians of seven, all else, Python too, runs once.
-//!
-//! Both begin with the streams in memory, Python with arrays and ours with what was read of the MCAP file, whose reading has its own line;
-//! all of `ft-identify` begins with the file. PyTorch on as many threads as it
-//! chooses and, where that is another number, on all processors: on two that share a core it takes longer than on one.
-//! Debian's `python3-torch` is needed.
+//! The identification beside the paper's pipeline in Python: `speed --help`.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use clap::Parser;
 use ft_identify::dynamics::{fit_base, fit_with_mechanism};
 use ft_identify::effect::RigidBody;
 use ft_identify::motion::{Motion, MotionSettings};
@@ -28,13 +22,30 @@ type Failure = Box<dyn std::error::Error>;
 /// How often the short parts of ours are timed: the median counts, because a machine's hiccup is as long as they are.
 const SHORT: usize = 7;
 
+/// The whole identification beside the paper's pipeline in Python (`tests/peers/paper_pipeline.py`) on the same simulated recording.
+///
+/// In one run; ratios, not times, carry over to other machines. The short parts of ours are medians of seven, all else, Python too,
+/// runs once.
+///
+/// Both begin with the streams in memory, Python with arrays and ours with what was read of the MCAP file, whose reading has its own
+/// line; all of `ft-identify` begins with the file. PyTorch on as many threads as it chooses and, where that is another number, on
+/// all processors: on two that share a core it takes longer than on one. Debian's `python3-torch` and `python3-scipy` are needed.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  speed 60 drawer_light")]
+struct Arguments {
+    /// Length of the recording, s
+    #[arg(default_value_t = 71.0)]
+    seconds: f64,
+    /// A built-in scenario, or the file of another
+    #[arg(default_value = "wood_door")]
+    scenario: String,
+}
+
 fn main() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let seconds: f64 = arguments.first().map_or(Ok(71.0), |text| text.parse())?;
-    let scenario = arguments.get(1).map_or("wood_door", String::as_str);
+    let Arguments { seconds, scenario } = Arguments::parse();
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("recording.mcap");
-    let trial = Trial::plain(Scenario::load(scenario)?);
+    let trial = Trial::plain(Scenario::load(&scenario)?);
     try_record(&trial, 1, Some(Duration::from_secs_f64(seconds)), &file)?;
     let (settings, map) = (MotionSettings::default(), TopicMap::default());
 

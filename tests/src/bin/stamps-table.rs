@@ -1,17 +1,32 @@
-//! `cargo run -p ft-tests --bin stamps-table -- [SEEDS] [FIRST_SEED] [SCENARIO]...`: inertia and friction by the quality of stamps and of the
-//! tool's mass, as Markdown. All figures are simulated.
+//! What good stamps are worth: `stamps-table --help`.
 
+use clap::Parser;
 use ft_sim_hw::Scenario;
 use ft_tests::stamps::{Errors, StampEffect, Treatment, effect};
 
+/// Inertia and friction by the quality of stamps and of the tool's mass, as Markdown.
+///
+/// All figures are simulated.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  stamps-table 3 501 wood_door")]
+struct Arguments {
+    /// Recordings of each scenario
+    #[arg(default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Seed of the first
+    #[arg(default_value_t = 1)]
+    first_seed: u64,
+    /// Built-in scenarios, or files of others
+    #[arg(default_values = ["sliding_door", "drawer_light", "wood_door"])]
+    scenarios: Vec<String>,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let seeds: u64 = arguments.next().map_or(Ok(3), |text| text.parse())?;
-    let first: u64 = arguments.next().map_or(Ok(1), |text| text.parse())?;
-    let mut names: Vec<String> = arguments.collect();
-    if names.is_empty() {
-        names.extend(["sliding_door", "drawer_light", "wood_door"].map(str::to_owned));
-    }
+    let Arguments {
+        seeds,
+        first_seed: first,
+        scenarios: names,
+    } = Arguments::parse();
     let folder = tempfile::tempdir()?;
     println!(
         "Simulated; mean and largest error over seeds {first} to {}.\n",

@@ -1,43 +1,48 @@
-//! `cargo run --release -p ft-tests --bin study -- [SEEDS] [FIRST_SEED] [OBJECT]... [-o DIR]`: thirteen objects, recorded through the drivers
-//! and identified by ours and by the paper's estimator. `study.md`, `inertia.svg` and a line per recording come out. All
-//! figures are simulated unless they say "published".
-//!
-//! Each object has SEEDS seeds of its own, the first object those from FIRST_SEED on: two recordings with one seed have one tracker's
-//! noise, and would say little more than one about how often an interval holds the truth.
+//! The paper's tables and our estimates beside the truth: `study --help`.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use ft_tests::study::{inertia_plot, markdown, objects};
+use clap::Parser;
+use ft_tests::study::{inertia_plot, markdown, objects, picked};
 use ft_tests::truth::{Trial, each_of, study_of};
 
+/// Thirteen objects, recorded through the drivers and identified by ours and by the paper's estimator.
+///
+/// `study.md`, `inertia.svg` and a line per recording come out. All figures are simulated unless they say "published".
+///
+/// Each object has SEEDS seeds of its own, the first object those from FIRST_SEED on: two recordings with one seed have one tracker's
+/// noise, and would say little more than one about how often an interval holds the truth.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  study 10 501 tray wood_door -o study")]
+struct Arguments {
+    /// Recordings of each object
+    #[arg(default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Seed of the first
+    #[arg(default_value_t = 101)]
+    first_seed: u64,
+    /// Only these
+    objects: Vec<String>,
+    /// Folder of what comes out
+    #[arg(short, long, default_value = "study")]
+    output: PathBuf,
+}
+
 fn main() -> std::io::Result<()> {
-    let (mut numbers, mut names) = (Vec::new(), Vec::new());
-    let mut folder = PathBuf::from("study");
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        if argument == "-o" {
-            folder = arguments.next().map_or(folder, PathBuf::from);
-        } else if let Ok(number) = argument.parse::<u64>() {
-            numbers.push(number);
-        } else {
-            names.push(argument);
-        }
-    }
-    let seeds = numbers.first().copied().unwrap_or(10);
-    let first = numbers.get(1).copied().unwrap_or(101);
-    let mut objects = objects();
-    if let Some(unknown) = names.iter().find(|n| objects.iter().all(|o| o.name != **n)) {
-        let known: Vec<&str> = objects.iter().map(|object| object.name.as_str()).collect();
-        eprintln!(
-            "usage: study [SEEDS] [FIRST_SEED] [OBJECT]... [-o DIR]\nno object {unknown:?} among {}",
-            known.join(", ")
-        );
+    let Arguments {
+        seeds,
+        first_seed,
+        objects: names,
+        output: folder,
+    } = Arguments::parse();
+    let chosen = picked(&names).unwrap_or_else(|reason| {
+        eprintln!("{reason}");
         std::process::exit(2);
-    }
+    });
     let mut jobs = Vec::new();
-    for (object, first) in objects.iter().zip((first..).step_by(seeds.max(1) as usize)) {
-        if names.is_empty() || names.contains(&object.name) {
+    for (object, first) in objects().iter().zip((first_seed..).step_by(seeds as usize)) {
+        if chosen.iter().any(|one| one.name == object.name) {
             let trial = Trial::plain(object.clone());
             jobs.extend(each_of(vec![trial], first..first + seeds));
         }
@@ -47,7 +52,6 @@ fn main() -> std::io::Result<()> {
         eprintln!("no folder {}: {error}", folder.display());
         std::process::exit(1);
     }
-    objects.retain(|object| names.is_empty() || names.contains(&object.name));
     let total = jobs.len();
     let done = AtomicUsize::new(0);
     let results = study_of(&jobs, |one| {
@@ -76,7 +80,7 @@ fn main() -> std::io::Result<()> {
             one.floor_true,
         );
     });
-    let names: Vec<&str> = objects.iter().map(|object| object.name.as_str()).collect();
+    let names: Vec<&str> = chosen.iter().map(|object| object.name.as_str()).collect();
     let text = markdown(&results, &names);
     std::fs::write(folder.join("study.md"), &text)?;
     std::fs::write(folder.join("inertia.svg"), inertia_plot(&results))?;

@@ -1,15 +1,27 @@
-//! `cargo run --release -p ft-tests --bin swing-study -- [SEEDS] [FIRST]`: swing times of the built-in doors, let
-//! go at two angles each, against their identified twins and a guess. All figures are simulated; the paper's, measured on
-//! its own doors, stand below in their own table.
+//! Swing times of doors and of their twins: `swing-study --help`.
 
+use clap::Parser;
 use ft_tests::swing::{Closing, DOORS, closings};
 
+/// Swing times of the built-in doors, let go at two angles each, against their identified twins and a guess.
+///
+/// All figures are simulated; the paper's, measured on its own doors, stand below in their own table.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  swing-study 3 501")]
+struct Arguments {
+    /// Recordings of each
+    #[arg(default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Seed of the first
+    #[arg(default_value_t = 1)]
+    first_seed: u64,
+}
+
 fn main() {
-    let mut numbers = std::env::args()
-        .skip(1)
-        .map(|text| text.parse::<u64>().ok());
-    let seeds = numbers.next().flatten().unwrap_or(5);
-    let first = numbers.next().flatten().unwrap_or(1);
+    let Arguments {
+        seeds,
+        first_seed: first,
+    } = Arguments::parse();
     let file = std::env::temp_dir().join(format!("swing-study-{}.mcap", std::process::id()));
     let mut all: Vec<Closing> = Vec::new();
     for (door, angles) in DOORS {

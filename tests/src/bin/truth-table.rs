@@ -1,6 +1,7 @@
-//! `cargo run -p ft-tests --bin truth-table -- [SEEDS] [SCENARIO]...`: the built-in scenarios, recorded through the drivers,
-//! identified, and compared with what was simulated. All figures are simulated.
+//! Estimates beside the truth, by scenario: `truth-table --help`.
 
+use clap::Parser;
+use ft_sim_hw::Scenario;
 use ft_tests::truth::{Comparison, study};
 
 const SCENARIOS: [&str; 6] = [
@@ -12,18 +13,27 @@ const SCENARIOS: [&str; 6] = [
     "oven_door",
 ];
 
+/// Built-in scenarios, recorded through the drivers, identified, and compared with what was simulated.
+///
+/// All figures are simulated.
+#[derive(Parser)]
+#[command(after_help = "Example:\n  truth-table 3 wood_door")]
+struct Arguments {
+    /// Recordings of each scenario
+    #[arg(default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Built-in scenarios
+    #[arg(default_values_t = SCENARIOS.map(str::to_owned))]
+    scenarios: Vec<String>,
+}
+
 fn main() {
-    let mut arguments = std::env::args().skip(1);
-    let seeds: u64 = arguments
-        .next()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(10);
-    let named: Vec<String> = arguments.collect();
-    let scenarios: Vec<&str> = if named.is_empty() {
-        SCENARIOS.to_vec()
-    } else {
-        named.iter().map(String::as_str).collect()
-    };
+    let Arguments { seeds, scenarios } = Arguments::parse();
+    if let Some(error) = scenarios.iter().find_map(|name| Scenario::load(name).err()) {
+        eprintln!("{error}");
+        std::process::exit(2);
+    }
+    let scenarios: Vec<&str> = scenarios.iter().map(String::as_str).collect();
     let results = study(&scenarios, 1..seeds + 1, |one| eprintln!("{}", line(one)));
     println!(
         "| scenario | seeds | type right | axis deg med/max | axis mm med/max | I error % mean/worst | mu % mean abs | b % mean abs | base held-out | held-out | floor est. | floor true |"

@@ -3,6 +3,23 @@
 use ft_sim_hw::Scenario;
 use ft_sim_hw::scenario::{MechanismSpec, StrutSpec, SwingDirection, ZoneSpec};
 
+/// The study's scenarios of these names, all for none.
+///
+/// # Errors
+/// A name that is not among them, with those that are.
+///
+/// # Panics
+/// A built-in scenario is missing.
+pub fn picked(names: &[String]) -> Result<Vec<Scenario>, String> {
+    let mut all = objects();
+    if let Some(unknown) = names.iter().find(|n| all.iter().all(|o| o.name != **n)) {
+        let known: Vec<&str> = all.iter().map(|object| object.name.as_str()).collect();
+        return Err(format!("no object {unknown:?} among {}", known.join(", ")));
+    }
+    all.retain(|object| names.is_empty() || names.contains(&object.name));
+    Ok(all)
+}
+
 /// The study's scenarios, slides first, the light ones first.
 ///
 /// # Panics
