@@ -108,7 +108,7 @@ impl Analysis {
     }
 }
 
-/// Up to so many times the floor there is nothing to look for. The verdict asks for a little less.
+/// Up to so many times the floor no rivals are tried and no name is doubted. The verdict asks for a little less.
 pub const EXPLAINED_BELOW: f64 = 1.15;
 /// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
 const SURELY_BELOW: f64 = 1.12;

@@ -1,6 +1,7 @@
 //! Harness of the whole-system tests: the built programs, the measured data, other people's tools.
 
 use std::io::Write as _;
+pub mod arguments;
 pub mod bias;
 pub mod control;
 pub mod lab;

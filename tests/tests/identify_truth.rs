@@ -292,11 +292,27 @@ fn a_load_and_its_dampers_are_looked_for_first_where_others_took_their_place() {
 /// What the tracker's noise does to a short ripple is more on the way across, where it is measured, than along: the floor is estimated too
 /// high, and the catch beside the ripple was refused as noise.
 #[test]
-fn what_is_foretold_is_no_noise_whatever_the_floor() {
+fn a_catch_of_half_a_floor_is_named_at_the_floor() {
     let judged = Pair::of(425_100_210).judged(&[CONFIRM]);
     let names: Vec<&str> = judged.named.iter().map(|entry| entry.0).collect();
+    assert_eq!(judged.truth, ["ripple"]);
     assert_eq!(names, ["ripple", "catch"], "{judged:?}");
     assert!(judged.wrong.is_empty(), "{judged:?}");
+    assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+}
+
+/// Pads that damp what they give were called play for the other half of their effort, and 1.19 floors were left.
+#[test]
+fn pads_that_damp_are_no_play() {
+    let judged = Pair::of(425_100_235).judged(&[CONFIRM]);
+    assert_eq!(judged.truth, ["constant_load", "grasp_compliance"]);
+    let gives = judged
+        .named
+        .iter()
+        .find(|entry| entry.0 == "grasp_compliance");
+    assert_eq!(gives.unwrap().1, [""; 0], "{judged:?}");
+    assert_eq!((judged.found, judged.wrong.len()), (2, 0), "{judged:?}");
+    assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
 }
 
 /// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.

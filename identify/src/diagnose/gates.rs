@@ -19,8 +19,7 @@ use crate::payload::is_another;
 pub(super) const LEAST_SIZE: f64 = 0.5;
 const LOCAL: f64 = 0.25;
 const LEAST_OF_LOCAL: f64 = 0.6;
-/// Held-out errors within this factor of the floor have nothing to explain, unless an effect of [`LEAST_SIZE`] takes its part away: noise
-/// cannot be foretold, so then the floor was estimated too high.
+/// Where the held-out error is within this factor of the floor an effect must be of [`LEAST_SIZE`], local or not.
 const AT_FLOOR: f64 = 1.03;
 /// A load that a sensor's offset may be must move the effort by so many standard deviations of that.
 const OFFSETS: f64 = 2.0;
@@ -215,13 +214,13 @@ impl State {
                 ));
             }
         }
-        if seen.mse.sqrt() < AT_FLOOR * floor && size < LEAST_SIZE * floor {
-            return Some(format!(
-                "the residual {:.3} is what noise and processing leave ({floor:.3})",
-                seen.mse.sqrt()
-            ));
-        }
         if size < LEAST_SIZE * floor {
+            let left = seen.mse.sqrt();
+            if left < AT_FLOOR * floor {
+                return Some(format!(
+                    "the residual {left:.3} is what noise and processing leave ({floor:.3}), and it moves the effort by {size:.3} only"
+                ));
+            }
             let least = self.least_size(&entry.found(&self.ground), &entry.theta);
             if size < least * floor {
                 return Some(format!(
@@ -265,7 +264,7 @@ impl State {
             let found = self.found();
             let theta = self.fit().ok()?.theta;
             let slow = slow_effort(&self.ground.motion, &found, theta.as_slice());
-            let column = played_quietly(&self.ground.scope(), &slow, &entry.shape);
+            let column = played_quietly(&self.ground.scope(), &slow, entry.kind, &entry.shape);
             let column = self.ground.motion.regressor(&column).ok()?;
             let x = self.ground.columns(&found).ok()?;
             let efforts = [self.ground.y.clone()];
@@ -311,8 +310,8 @@ impl State {
     fn given_way(&self, found: &Found) -> f64 {
         let effort = rms(&self.ground.motion.tau);
         match found.shape.as_slice() {
-            [gap, compliance] => gap + compliance * effort,
-            [compliance] => compliance * effort,
+            [gap, compliance, _] => gap + compliance * effort,
+            [compliance, _] => compliance * effort,
             _ => 0.0,
         }
     }

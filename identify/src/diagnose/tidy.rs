@@ -127,7 +127,16 @@ impl State {
 
     /// Puts play in the place of a grasp that gives when that errs less by more than their forms are crude, and takes it away when it does not: a
     /// grasp that gives has one number less.
+    /// Once it is play, pads that give from where those of the play do are tried, too: they may err as little, and less than before.
     fn play(&mut self) -> Result<(), DynamicsError> {
+        if self.play_or_pads()? {
+            self.play_or_pads()?;
+        }
+        Ok(())
+    }
+
+    /// Whether the one took the place of the other.
+    fn play_or_pads(&mut self) -> Result<bool, DynamicsError> {
         let barred = |kind: &Kind| {
             let mut bank = self.bank.iter();
             self.given_up.contains(&kind.name) || bank.all(|c| c.kind.name != kind.name)
@@ -137,26 +146,26 @@ impl State {
         let effort = rms(&self.ground.motion.tau);
         let (i, others) = match (there(GRASP_COMPLIANCE.name), there(BACKLASH.name)) {
             (Some(i), None) if !barred(&BACKLASH) => {
-                let compliance = self.effects[i].0.shape[0];
+                let &[compliance, retardation] = self.effects[i].0.shape.as_slice() else {
+                    return Ok(false);
+                };
                 let played = PLAYS.map(|[gap, rest]| {
-                    own(
-                        &BACKLASH,
-                        vec![gap * compliance * effort, rest * compliance],
-                    )
+                    let gap = gap * compliance * effort;
+                    own(&BACKLASH, vec![gap, rest * compliance, retardation])
                 });
                 (i, played.to_vec())
             }
             (None, Some(i)) if !barred(&GRASP_COMPLIANCE) => {
-                let &[gap, compliance] = self.effects[i].0.shape.as_slice() else {
-                    return Ok(());
+                let &[gap, compliance, retardation] = self.effects[i].0.shape.as_slice() else {
+                    return Ok(false);
                 };
                 let given = [0.0, 0.5].map(|share| {
                     let compliance = compliance + share * gap / effort;
-                    own(&GRASP_COMPLIANCE, vec![compliance])
+                    own(&GRASP_COMPLIANCE, vec![compliance, retardation])
                 });
                 (i, given.to_vec())
             }
-            _ => return Ok(()),
+            _ => return Ok(false),
         };
         let mut least = self.error()?;
         if self.effects[i].0.kind.name == GRASP_COMPLIANCE.name {
@@ -164,6 +173,7 @@ impl State {
         } else {
             least *= CRUDE_APART.sqrt();
         }
+        let mut changed = false;
         for other in others {
             let as_was = self.effects.clone();
             self.effects[i].0 = other;
@@ -171,11 +181,12 @@ impl State {
             let (holds, error) = (self.holds(i)?, self.error()?);
             if holds && error < least {
                 least = error;
+                changed = true;
             } else {
                 self.effects = as_was;
             }
         }
-        Ok(())
+        Ok(changed)
     }
 
     pub(super) fn own_mse(&self, problem: &Problem<'_>, found: &Found) -> Option<f64> {

@@ -97,23 +97,33 @@ pub const TOOL_MASS: Kind = Kind {
     separate: "shaking the tool in free air with everything on it that it has in contact",
 };
 
-/// The object stands at `q - compliance tau`: pads and fingers give. One regressor, the difference that this makes with the
-/// inertia and friction found so far; its term should be near 1.
+/// The object stands at `q - x`, `x + retardation dx/dt = compliance tau`: pads and fingers give, rubber the slower the more it damps. One regressor,
+/// the difference that this makes with the inertia and friction found so far; its term should be near 1.
+///
+/// # Source
+/// The Kelvin-Voigt solid; Flügge, *Viscoelasticity*, 1975, chapter 1.
 pub const GRASP_COMPLIANCE: Kind = Kind {
     name: "grasp_compliance",
     belongs: Belongs::Recording,
-    equation: "the object is at q - compliance tau; share = how much of that is seen",
+    equation: "the object is at q - x, x + retardation dx/dt = compliance tau; share = how much of that is seen",
     terms: &[("share", Unit::One, NonNegative)],
-    shape: &[("compliance", Unit::Compliance, Search::Factor(1.8))],
+    shape: &[
+        ("compliance", Unit::Compliance, Search::Factor(1.8)),
+        ("retardation", Unit::Time, Search::Factor(RETARDATION)),
+    ],
     variable: Variable::Ddq,
     grid: |scope| {
         let effort = rms(&scope.motion.tau).max(1e-12);
         geometric(0.0005, 0.04, 8)
             .into_iter()
-            .map(|share| vec![share * scope.range() / effort])
+            .map(|share| vec![share * scope.range() / effort, USUAL_RETARDATION_S])
             .collect()
     },
-    series: |scope, shape| vec![memory::played(scope, 0.0, shape[0])],
+    series: |scope, shape| vec![memory::given(scope, shape)],
     at: None,
     separate: "a firmer grasp, or pulling against a locked joint",
 };
+
+/// Where the retardation of pads is looked for first, s; a tenth of it is as good as none, ten times is more than rubber has.
+pub(crate) const USUAL_RETARDATION_S: f64 = 0.003;
+pub(super) const RETARDATION: f64 = 3.2;

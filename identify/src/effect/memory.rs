@@ -1,6 +1,7 @@
 //! Effects with a state that the motion drives: bristles and play.
 
 use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, geometric};
+use super::measurement::{RETARDATION, USUAL_RETARDATION_S};
 use crate::least_squares::Bound::NonNegative;
 use crate::least_squares::rms;
 use crate::motion::Motion;
@@ -64,7 +65,7 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 /// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
 /// changes its sign, not when the motion turns. While there is no effort it goes its own way, and the tool meets it with a blow. One
 /// regressor, the difference that the play makes with the inertia and friction found so far; its term should be near 1, and the play is
-/// as large as `share` times `gap`. The pads behind the play give by `compliance` times the effort.
+/// as large as `share` times `gap`. The pads behind the play give as those of a grasp that gives do.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
@@ -73,6 +74,7 @@ pub const BACKLASH: Kind = Kind {
     shape: &[
         ("gap", Unit::Position, Search::Factor(1.6)),
         ("compliance", Unit::Compliance, Search::Factor(1.8)),
+        ("retardation", Unit::Time, Search::Factor(RETARDATION)),
     ],
     variable: Variable::SinceReversal,
     grid: |scope| {
@@ -80,44 +82,81 @@ pub const BACKLASH: Kind = Kind {
         let mut out = Vec::new();
         for gap in geometric(0.0003, 0.02, 8) {
             for share in geometric(0.0001, 0.005, 4) {
-                out.push(vec![gap * scope.range(), share * scope.range() / effort]);
+                let compliance = share * scope.range() / effort;
+                out.push(vec![gap * scope.range(), compliance, USUAL_RETARDATION_S]);
             }
         }
         out
     },
-    series: |scope, shape| vec![played(scope, shape[0], shape[1])],
+    series: |scope, shape| vec![played(scope, shape)],
     at: None,
     separate: "quick small strokes: the force is zero within the gap, and a firmer grasp does not change it",
 };
 
-/// What it makes of the effort that the object lags behind the tool by half of `gap` towards the effort and by `compliance` times it.
-pub(super) fn played(scope: &Scope<'_>, gap: f64, compliance: f64) -> Vec<f64> {
-    played_by(scope, &scope.motion.tau, gap, compliance)
+/// What it makes of the effort that the object lags behind the tool by half of a gap towards the effort and by a compliance times it.
+fn played(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
+    let aside = between_sides(scope.motion, &scope.motion.tau, shape);
+    moved(scope, &aside)
 }
 
-/// As the columns of [`BACKLASH`] and of a grasp that gives, `shape` as theirs, of an effort without the noise of the poses. `slow` is what the model
-/// needs at each sample without inertia.
-pub(crate) fn played_quietly(scope: &Scope<'_>, slow: &[f64], shape: &[f64]) -> Vec<f64> {
+/// What it makes of the effort that the object lags behind the tool by a compliance times it, so much later.
+pub(super) fn given(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
+    let aside = behind_pads(scope.motion, &scope.motion.tau, shape);
+    moved(scope, &aside)
+}
+
+/// As the column of [`BACKLASH`] or else of a grasp that gives, of an effort without the noise of the poses. `slow` is what the model needs
+/// at each sample without inertia.
+pub(crate) fn played_quietly(
+    scope: &Scope<'_>,
+    slow: &[f64],
+    kind: &Kind,
+    shape: &[f64],
+) -> Vec<f64> {
     let tau = on_handle(scope, slow);
-    match *shape {
-        [gap, compliance] => played_by(scope, &tau, gap, compliance),
-        [compliance] => played_by(scope, &tau, 0.0, compliance),
-        _ => Vec::new(),
-    }
+    let aside = if kind.is(&BACKLASH) {
+        between_sides
+    } else {
+        behind_pads
+    };
+    moved(scope, &aside(scope.motion, &tau, shape))
 }
 
-fn played_by(scope: &Scope<'_>, tau: &[f64], gap: f64, compliance: f64) -> Vec<f64> {
-    let motion = scope.motion;
-    let aside = if gap == 0.0 {
-        tau.iter().map(|tau| -compliance * tau).collect()
-    } else {
-        between_sides(motion, tau, gap, compliance)
-    };
-    // As smooth as the coordinate, which hides as much of the blow when the sides meet.
-    match motion.smoothed(&aside) {
+/// What the object needs more at its place `aside` of the tool. As smooth as the coordinate, which hides as much of the blow when the sides of a
+/// play meet.
+fn moved(scope: &Scope<'_>, aside: &[f64]) -> Vec<f64> {
+    match scope.motion.smoothed(aside) {
         Ok(aside) => scope.moved_object(&aside),
         Err(_) => Vec::new(),
     }
+}
+
+/// How far the object is behind the tool by pads of this compliance and retardation.
+fn behind_pads(motion: &Motion, tau: &[f64], pads: &[f64]) -> Vec<f64> {
+    let &[compliance, retardation] = pads else {
+        return vec![0.0; tau.len()];
+    };
+    let mut out = vec![0.0; tau.len()];
+    for run in &motion.runs {
+        let pressed = retarded(&tau[run.clone()], motion.period / retardation);
+        for (out, pressed) in out[run.clone()].iter_mut().zip(pressed) {
+            *out = -compliance * pressed;
+        }
+    }
+    out
+}
+
+/// `x` of `x + retardation dx/dt = tau` at samples `step` retardations apart, from rest: exact for a `tau` that is straight between them.
+fn retarded(tau: &[f64], step: f64) -> impl Iterator<Item = f64> + '_ {
+    let left = (-step).exp();
+    // Share of a step's rise that is still to come at its end.
+    let late = (1.0 - left) / step;
+    let (mut x, mut before) = tau.first().map_or((0.0, 0.0), |&first| (first, first));
+    tau.iter().map(move |&tau| {
+        x = left * (x - before) + before + (1.0 - late) * (tau - before);
+        before = tau;
+        x
+    })
 }
 
 /// The effort on the handle without the noise of the poses. What was taken off for the tool has their acceleration's, which is also what a fit
@@ -141,14 +180,16 @@ fn on_handle(scope: &Scope<'_>, slow: &[f64]) -> Vec<f64> {
 
 /// How far the object is aside of the tool: against a side of the play while it is pressed, and on its own way from there to where it
 /// is pressed next, as fast as it was when it was let go, slowed evenly.
-fn between_sides(motion: &Motion, tau: &[f64], gap: f64, compliance: f64) -> Vec<f64> {
+fn between_sides(motion: &Motion, tau: &[f64], shape: &[f64]) -> Vec<f64> {
+    let (gap, pads) = (shape[0], &shape[1..]);
+    let behind = behind_pads(motion, tau, pads);
     let (level, q) = (PRESSED * motion.fast_noise_of_tau(), &motion.q_measured);
     let shortest = (SHORTEST_S / motion.period).ceil() as usize;
     let side = |tau: f64| {
         if tau.abs() > level { tau.signum() } else { 0.0 }
     };
     // Without an effort it is nowhere but in the play.
-    let most = 0.5 * gap + compliance * level;
+    let most = 0.5 * gap + pads[0] * level;
     let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
         // Where it was pressed last, and how far aside.
@@ -162,7 +203,7 @@ fn between_sides(motion: &Motion, tau: &[f64], gap: f64, compliance: f64) -> Vec
                 continue;
             }
             for i in pressed.clone() {
-                out[i] = -0.5 * gap * side - compliance * tau[i];
+                out[i] = behind[i] - 0.5 * gap * side;
             }
             let (i, aside) = (pressed.start, out[pressed.start]);
             if let Some((from, left)) = last {
@@ -190,3 +231,25 @@ fn between_sides(motion: &Motion, tau: &[f64], gap: f64, compliance: f64) -> Vec
 const PRESSED: f64 = 5.0;
 /// for so long at least, s: before and after a blow the effort rings in the filter that takes it to the work rate.
 const SHORTEST_S: f64 = 0.015;
+
+#[cfg(test)]
+mod tests {
+    use super::retarded;
+
+    /// Of a wave the Kelvin-Voigt solid shows 1 / (1 + i w T).
+    #[test]
+    fn pads_give_as_much_less_and_later_as_they_damp() {
+        let (period, retardation, w) = (1e-3, 0.02, 40.0);
+        let phase = |i: usize| w * period * i as f64;
+        let tau: Vec<f64> = (0..4000).map(|i| phase(i).sin()).collect();
+        let [less, later] = [(w * retardation).hypot(1.0), (w * retardation).atan()];
+        let given = retarded(&tau, period / retardation).enumerate();
+        for (i, x) in given.skip(500) {
+            let wanted = (phase(i) - later).sin() / less;
+            assert!((x - wanted).abs() < 2e-4, "{i}: {x} {wanted}");
+        }
+        // None to speak of: as the effort itself.
+        let at_once = retarded(&tau, 1e3).zip(&tau);
+        assert!(at_once.into_iter().all(|(x, tau)| (x - tau).abs() < 1e-3));
+    }
+}

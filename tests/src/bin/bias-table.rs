@@ -1,4 +1,4 @@
-//! What the measurement does to the inertia: `bias-table --help`.
+//! What the measurement does to the inertia: `cargo run --release -p ft-tests --bin bias-table -- --help`.
 
 use clap::Parser;
 use ft_tests::bias::{markdown, trials};

@@ -1,4 +1,4 @@
-//! What a controller gains by the twin: `control-study --help`.
+//! What a controller gains by the twin: `cargo run --release -p ft-tests --bin control-study -- --help`.
 
 use clap::Parser;
 use ft_tests::control::{Attempt, attempts, markdown, tasks};
@@ -9,7 +9,7 @@ use ft_tests::control::{Attempt, attempts, markdown, tasks};
 #[derive(Parser)]
 #[command(after_help = "Example:\n  control-study 3 501")]
 struct Arguments {
-    /// Recordings of each
+    /// Recordings of each object
     #[arg(default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Seed of the first

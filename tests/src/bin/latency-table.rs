@@ -1,4 +1,4 @@
-//! `latency-table --help`: from the link's last byte to a subscriber in another process, beside a bare Zenoh publisher of the same bytes.
+//! `cargo run --release -p ft-tests --bin latency-table -- --help`: from the link's last byte to a subscriber in another process, beside a bare Zenoh publisher of the same bytes.
 //!
 //! ```text
 //! a device's thread ─► pty ─► ours: link thread: driver, stamps -> queue -> publisher thread: CDR, kept for recorders -> Zenoh ─┐
@@ -13,7 +13,6 @@
 //! system likes, and with both of ours on one processor (`network.processor`), the last. Default: 40 windows of each at 1, 4 and 8 kHz, about
 //! four minutes.
 
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -71,13 +70,13 @@ type Failure = Box<dyn std::error::Error>;
 #[derive(Parser)]
 #[command(after_help = "Example:\n  latency-table 16 1000 8000")]
 struct Arguments {
-    /// Windows of 400 ms of each
+    /// Windows of 400 ms, ours and bare each
     #[arg(default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..))]
     windows: u16,
     /// Samples a second
-    #[arg(value_name = "RATE_HZ", default_values_t = [1000, 4000, 8000], value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(value_name = "RATE_HZ", default_values_t = [1000, 4000, 8000], value_parser = clap::value_parser!(u64).range(100..))]
     rates: Vec<u64>,
-    /// Is the other process
+    /// Runs as the subscriber
     #[arg(long, hide = true)]
     subscribe: bool,
 }
@@ -234,8 +233,8 @@ struct Device {
     clock: MonotonicClock,
     /// When each frame was about to be written, by its number, as [`now_ns`].
     sent: [Vec<i64>; 2],
-    /// The sensors' times of their last frames, us.
-    stamps: [Cell<i64>; 2],
+    /// The sensor's time of the last frame, us.
+    stamp_us: i64,
 }
 
 impl Device {
@@ -248,7 +247,7 @@ impl Device {
             terminals,
             clock,
             sent: Default::default(),
-            stamps: Default::default(),
+            stamp_us: 0,
         })
     }
 
@@ -285,29 +284,28 @@ impl Device {
     }
 
     /// A frame with that force; the time before. Nothing where the port has no room for it.
-    fn write(&self, kind: usize, force: f32) -> Option<i64> {
+    fn write(&mut self, kind: usize, force: f32) -> Option<i64> {
         let frame = encode(&Sample {
             status: Status(0),
             force: [force, 2.0, 3.0],
             torque: [0.1, 0.2, 0.3],
-            timestamp_us: self.stamp_us(kind),
+            timestamp_us: self.next_stamp_us(),
             temperature_celsius: 25.0,
         });
         let at = now_ns();
         (self.terminals[kind].write(&frame) == FRAME_LEN).then_some(at)
     }
 
-    /// The sensor's own time of a frame. No two have the same: what catches up comes faster than one in a microsecond, and a driver takes such a
-    /// frame for one that was sent twice.
+    /// The sensor's own time of a frame. No two have the same: of what catches up two may come within a microsecond, and a driver takes the second
+    /// for the first, sent twice.
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "the sensor's clock wraps"
     )]
-    fn stamp_us(&self, kind: usize) -> u32 {
-        let stamp = (now_ns() / 1000).max(self.stamps[kind].get() + 1);
-        self.stamps[kind].set(stamp);
-        stamp as u32
+    fn next_stamp_us(&mut self) -> u32 {
+        self.stamp_us = (now_ns() / 1000).max(self.stamp_us + 1);
+        self.stamp_us as u32
     }
 
     /// Waits until both ports are read.

@@ -1,4 +1,4 @@
-//! The two forms of the mechanism side by side: `mechanism-table --help`.
+//! The two forms of the mechanism side by side: `cargo run --release -p ft-tests --bin mechanism-table -- --help`.
 
 use clap::Parser;
 use ft_tests::mechanisms::{forms_of, markdown};
@@ -16,7 +16,8 @@ struct Arguments {
     /// Seed of the first
     #[arg(default_value_t = 101)]
     first_seed: u64,
-    /// Only these
+    /// Objects of the study; all when none is given
+    #[arg(value_name = "OBJECT")]
     objects: Vec<String>,
 }
 

@@ -1,7 +1,8 @@
-//! Sealed draws, diagnosed and compared with the truth: `sealed-table --help`.
+//! Sealed draws, diagnosed and compared with the truth: `cargo run --release -p ft-tests --bin sealed-table -- --help`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -11,7 +12,8 @@ use ft_identify::motion::MotionSettings;
 use ft_identify::pipeline::{Identified, identify_confirmed, joint_samples};
 use ft_recording::{Recording, TopicMap};
 use ft_sim_hw::Scenario;
-use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedOptions};
+use ft_sim_hw::sealed::{Mechanisms, SealedDraw, SealedError, SealedOptions};
+use ft_tests::arguments::probability;
 use ft_tests::sealed::{Judged, simulated_floor, tables};
 use ft_tests::truth::{Trial, try_record};
 
@@ -25,64 +27,59 @@ use ft_tests::truth::{Trial, try_record};
 #[derive(Parser)]
 #[command(after_help = "Example:\n  sealed-table 20 501 --effect ripple --keep draws")]
 struct Options {
-    /// So many
-    #[arg(default_value_t = 20)]
+    /// Draws
+    #[arg(default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..))]
     draws: u64,
     /// Seed of the first
-    #[arg(value_name = "FIRST_SEED", default_value_t = 1000)]
-    first: u64,
+    #[arg(default_value_t = 1000)]
+    first_seed: u64,
     /// File of the tables
-    #[arg(
-        short,
-        long = "output",
-        value_name = "FILE",
-        default_value = "sealed-table.md"
-    )]
+    #[arg(short, long, value_name = "FILE", default_value = "sealed-table.md")]
     output: PathBuf,
     /// Objects without their own mechanisms
     #[arg(long)]
     bare: bool,
-    /// Share of the draws with two effects
-    #[arg(long, value_name = "SHARE")]
-    two: Option<f64>,
-    /// Share of the draws with none
-    #[arg(long, value_name = "SHARE")]
-    none: Option<f64>,
-    /// Share of the draws with one that the library lacks
-    #[arg(long, value_name = "SHARE")]
-    outside: Option<f64>,
-    /// Only this one, or these
+    /// Probability that nothing is undeclared
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().none, value_parser = probability)]
+    none: f64,
+    /// Probability of two effects
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().two, value_parser = probability)]
+    two: f64,
+    /// Probability of an effect that the report has no name for
+    #[arg(long, value_name = "P", default_value_t = SealedOptions::default().outside, value_parser = probability)]
+    outside: f64,
+    /// Draws this effect only; may be given several times to draw one of them
     #[arg(long, value_name = "NAME")]
     effect: Vec<String>,
     /// Identifies without the confirming recording
     #[arg(long)]
     alone: bool,
-    /// Leaves recordings, truths and reports there and takes recordings that are there already
+    /// Folder for recordings, truths and reports; recordings already there are used again
     #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
-    /// So many draws at a time: all processors' without
-    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
-    jobs: usize,
+    /// Draws at a time
+    #[arg(long, default_value_t = processors(), value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: u16,
 }
 
-fn main() {
+fn processors() -> u16 {
+    let found = std::thread::available_parallelism();
+    found.map_or(1, |found| u16::try_from(found.get()).unwrap_or(u16::MAX))
+}
+
+fn main() -> ExitCode {
     let options = Options::parse();
-    let created = options.keep.as_ref().map(std::fs::create_dir_all);
-    // Before the work, so that none is lost to a place that cannot be.
-    if let Some(Err(error)) = created {
-        eprintln!("cannot keep the draws: {error}");
-        std::process::exit(1);
+    // Before the work, so that none is lost.
+    if let Err((code, reason)) = options.check() {
+        eprintln!("{reason}");
+        return ExitCode::from(code);
     }
-    said(&[], &options).unwrap_or_else(|error| {
-        eprintln!("{error}");
-        std::process::exit(1);
-    });
-    let next = AtomicU64::new(options.first);
+    let next = AtomicU64::new(options.first_seed);
     let judged = Mutex::new(Vec::new());
     let work = || {
         loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= options.first + options.draws {
+            if seed >= options.first_seed + options.draws {
                 return;
             }
             match one(seed, &options) {
@@ -110,6 +107,7 @@ fn main() {
         .unwrap_or_else(std::sync::PoisonError::into_inner);
     // A closed pipe ends the tables and nothing else.
     let _ = std::io::stdout().write_all(tables(&judged).as_bytes());
+    ExitCode::from(u8::from(judged.is_empty()))
 }
 
 /// The tables over all, into their file.
@@ -118,7 +116,7 @@ fn said(judged: &[Judged], options: &Options) -> Result<(), String> {
         "{} of {} draws from seed {}\n\n{}",
         judged.len(),
         options.draws,
-        options.first,
+        options.first_seed,
         tables(judged)
     );
     let file = &options.output;
@@ -126,17 +124,33 @@ fn said(judged: &[Judged], options: &Options) -> Result<(), String> {
 }
 
 impl Options {
+    /// Whether the draws can be drawn, kept and told of; otherwise why not, and the program's code.
+    fn check(&self) -> Result<(), (u8, String)> {
+        let unknown = |error: &SealedError| matches!(error, SealedError::UnknownEffect { .. });
+        let drawn = SealedDraw::draw(self.first_seed, &self.sealed());
+        if let Some(error) = drawn.err().filter(unknown) {
+            return Err((2, error.to_string()));
+        }
+        let cannot = |what: &Path, error| (1, format!("cannot write {}: {error}", what.display()));
+        if let Some(folder) = &self.keep {
+            std::fs::create_dir_all(folder).map_err(|error| cannot(folder, error))?;
+        }
+        let mut file = std::fs::OpenOptions::new();
+        let opened = file.append(true).create(true).open(&self.output);
+        opened.map_err(|error| cannot(&self.output, error))?;
+        Ok(())
+    }
+
     fn sealed(&self) -> SealedOptions {
-        let usual = SealedOptions::default();
         SealedOptions {
             mechanisms: if self.bare {
                 Mechanisms::Dropped
             } else {
-                usual.mechanisms
+                Mechanisms::Kept
             },
-            two: self.two.unwrap_or(usual.two),
-            none: self.none.unwrap_or(usual.none),
-            outside: self.outside.unwrap_or(usual.outside),
+            two: self.two,
+            none: self.none,
+            outside: self.outside,
             only: self.effect.clone(),
         }
     }

@@ -1,12 +1,13 @@
-//! Half an hour of frames with faults: `soak --help`.
+//! Half an hour of frames with faults: `cargo run --release -p ft-tests --bin soak -- --help`.
 
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand};
+use ft_tests::arguments::positive;
 use ft_tests::soak::{Plan, run};
 
-/// Bota at 800 Hz, Robotous at 1 kHz, an encoder at 100 Hz and a tracker at 1 kHz before the service's own drivers and link threads.
+/// Bota at 800 Hz, Robotous at 1 kHz, an encoder at 100 Hz and a tracker at 1 kHz, played to the service's own drivers and link threads.
 ///
 /// They come by pseudo-terminals, SPEED times as fast, with bits flipped, bytes lost, noise, frames sent twice, silences and unplugging. Fails
 /// unless memory is flat, no thread is stuck, and every frame is accounted for.
@@ -16,13 +17,13 @@ use ft_tests::soak::{Plan, run};
     after_help = "Examples:\n  soak 60 4 7\n  soak eight 60"
 )]
 struct Arguments {
-    /// How long, s: half an hour's frames at the default speed
-    #[arg(default_value_t = 450.0)]
+    /// Length, s; by default half an hour's frames at the default speed
+    #[arg(default_value_t = 450.0, value_parser = positive)]
     seconds: f64,
     /// Times as fast as the devices
-    #[arg(default_value_t = 4.0)]
+    #[arg(default_value_t = 4.0, value_parser = positive)]
     speed: f64,
-    /// Of the faults
+    /// Seed of the faults
     #[arg(default_value_t = 1)]
     seed: u64,
     #[command(subcommand)]
@@ -33,8 +34,8 @@ struct Arguments {
 enum Other {
     /// Eight force-torque sensors at 1 kHz without a fault; not one sample may be missing
     Eight {
-        /// How long, s
-        #[arg(default_value_t = 60.0)]
+        /// Length, s
+        #[arg(default_value_t = 60.0, value_parser = positive)]
         seconds: f64,
     },
 }

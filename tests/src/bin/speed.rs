@@ -1,4 +1,4 @@
-//! The identification beside the paper's pipeline in Python: `speed --help`.
+//! The identification beside the paper's pipeline in Python: `cargo run --release -p ft-tests --bin speed -- --help`.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -14,6 +14,7 @@ use ft_identify::paper::{PaperSettings, identify};
 use ft_identify::pipeline::{identify_recording, joint_samples};
 use ft_recording::{Pose7, Recording, TopicMap, TrackedFrame};
 use ft_sim_hw::Scenario;
+use ft_tests::arguments::{positive, scenario};
 use ft_tests::truth::{Trial, try_record};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
@@ -24,7 +25,7 @@ const SHORT: usize = 7;
 
 /// The whole identification beside the paper's pipeline in Python (`tests/peers/paper_pipeline.py`) on the same simulated recording.
 ///
-/// In one run; ratios, not times, carry over to other machines. The short parts of ours are medians of seven, all else, Python too,
+/// Both in one run: ratios, not times, carry over to other machines. The short parts of ours are medians of seven, all else, Python too,
 /// runs once.
 ///
 /// Both begin with the streams in memory, Python with arrays and ours with what was read of the MCAP file, whose reading has its own
@@ -34,18 +35,19 @@ const SHORT: usize = 7;
 #[command(after_help = "Example:\n  speed 60 drawer_light")]
 struct Arguments {
     /// Length of the recording, s
-    #[arg(default_value_t = 71.0)]
+    #[arg(default_value_t = 71.0, value_parser = positive)]
     seconds: f64,
     /// A built-in scenario, or the file of another
-    #[arg(default_value = "wood_door")]
-    scenario: String,
+    #[arg(default_value = "wood_door", value_parser = scenario)]
+    scenario: Scenario,
 }
 
 fn main() -> Result<(), Failure> {
     let Arguments { seconds, scenario } = Arguments::parse();
+    let name = scenario.name.clone();
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("recording.mcap");
-    let trial = Trial::plain(Scenario::load(&scenario)?);
+    let trial = Trial::plain(scenario);
     try_record(&trial, 1, Some(Duration::from_secs_f64(seconds)), &file)?;
     let (settings, map) = (MotionSettings::default(), TopicMap::default());
 
@@ -84,7 +86,7 @@ fn main() -> Result<(), Failure> {
     }
     let epochs = fit.mechanism.as_ref().map_or(0, |m| m.epochs);
     println!(
-        "simulated {scenario}, {seconds} s; {} samples, {epochs} epochs in ours, {} samples, {} epochs in Python\n",
+        "simulated {name}, {seconds} s; {} samples, {epochs} epochs in ours, {} samples, {} epochs in Python\n",
         fit.samples, peers[0].samples, peers[0].epochs
     );
     let mut head = "| pipeline | s |".to_owned();

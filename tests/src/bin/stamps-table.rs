@@ -1,7 +1,8 @@
-//! What good stamps are worth: `stamps-table --help`.
+//! What good stamps are worth: `cargo run --release -p ft-tests --bin stamps-table -- --help`.
 
 use clap::Parser;
 use ft_sim_hw::Scenario;
+use ft_tests::arguments::scenario;
 use ft_tests::stamps::{Errors, StampEffect, Treatment, effect};
 
 /// Inertia and friction by the quality of stamps and of the tool's mass, as Markdown.
@@ -17,15 +18,15 @@ struct Arguments {
     #[arg(default_value_t = 1)]
     first_seed: u64,
     /// Built-in scenarios, or files of others
-    #[arg(default_values = ["sliding_door", "drawer_light", "wood_door"])]
-    scenarios: Vec<String>,
+    #[arg(value_name = "SCENARIO", default_values = ["sliding_door", "drawer_light", "wood_door"], value_parser = scenario)]
+    scenarios: Vec<Scenario>,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let Arguments {
         seeds,
         first_seed: first,
-        scenarios: names,
+        scenarios,
     } = Arguments::parse();
     let folder = tempfile::tempdir()?;
     println!(
@@ -36,11 +37,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "| object | stamps and tool | I % | mu % | b % | I % (plain least squares) | mu % | b % |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    for name in &names {
-        let scenario = Scenario::load(name)?;
+    for scenario in &scenarios {
+        let name = &scenario.name;
         let mut found: Vec<StampEffect> = Vec::new();
         for seed in first..first + seeds {
-            let one = effect(&scenario, seed, folder.path())?;
+            let one = effect(scenario, seed, folder.path())?;
             eprintln!(
                 "{name} seed {seed}: poses aligned by {:+.3} ms, mass {:.4} kg (true {:.4})",
                 one.offset_ms, one.mass_kg[1], one.mass_kg[0]

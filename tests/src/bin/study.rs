@@ -1,4 +1,4 @@
-//! The paper's tables and our estimates beside the truth: `study --help`.
+//! The paper's tables and our estimates beside the truth: `cargo run --release -p ft-tests --bin study -- --help`.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,10 +22,11 @@ struct Arguments {
     /// Seed of the first
     #[arg(default_value_t = 101)]
     first_seed: u64,
-    /// Only these
+    /// Objects of the study; all when none is given
+    #[arg(value_name = "OBJECT")]
     objects: Vec<String>,
     /// Folder of what comes out
-    #[arg(short, long, default_value = "study")]
+    #[arg(short, long, value_name = "DIR", default_value = "study")]
     output: PathBuf,
 }
 

@@ -1,4 +1,4 @@
-//! Swing times of doors and of their twins: `swing-study --help`.
+//! Swing times of doors and of their twins: `cargo run --release -p ft-tests --bin swing-study -- --help`.
 
 use clap::Parser;
 use ft_tests::swing::{Closing, DOORS, closings};
@@ -9,7 +9,7 @@ use ft_tests::swing::{Closing, DOORS, closings};
 #[derive(Parser)]
 #[command(after_help = "Example:\n  swing-study 3 501")]
 struct Arguments {
-    /// Recordings of each
+    /// Recordings of each door
     #[arg(default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Seed of the first

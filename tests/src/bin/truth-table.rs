@@ -1,7 +1,8 @@
-//! Estimates beside the truth, by scenario: `truth-table --help`.
+//! Estimates beside the truth, by scenario: `cargo run --release -p ft-tests --bin truth-table -- --help`.
 
 use clap::Parser;
 use ft_sim_hw::Scenario;
+use ft_tests::study::Spread;
 use ft_tests::truth::{Comparison, study};
 
 const SCENARIOS: [&str; 6] = [
@@ -23,16 +24,12 @@ struct Arguments {
     #[arg(default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Built-in scenarios
-    #[arg(default_values_t = SCENARIOS.map(str::to_owned))]
+    #[arg(value_name = "SCENARIO", default_values_t = SCENARIOS.map(str::to_owned), value_parser = Scenario::builtin_names())]
     scenarios: Vec<String>,
 }
 
 fn main() {
     let Arguments { seeds, scenarios } = Arguments::parse();
-    if let Some(error) = scenarios.iter().find_map(|name| Scenario::load(name).err()) {
-        eprintln!("{error}");
-        std::process::exit(2);
-    }
     let scenarios: Vec<&str> = scenarios.iter().map(String::as_str).collect();
     let results = study(&scenarios, 1..seeds + 1, |one| eprintln!("{}", line(one)));
     println!(
@@ -81,17 +78,7 @@ fn line(one: &Comparison) -> String {
 }
 
 fn row(scenario: &str, of: &[&Comparison]) -> String {
-    let sorted = |value: fn(&Comparison) -> f64| {
-        let mut values: Vec<f64> = of
-            .iter()
-            .map(|one| value(one))
-            .filter(|value| value.is_finite())
-            .collect();
-        values.sort_by(f64::total_cmp);
-        values
-    };
-    let median = |values: &[f64]| values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
-    let worst = |values: &[f64]| values.last().copied().unwrap_or(f64::NAN);
+    let spread = |value: fn(&Comparison) -> f64| Spread::of(of.iter().map(|one| value(one)));
     let relative = |index: usize| {
         let values: Vec<f64> = of
             .iter()
@@ -108,15 +95,15 @@ fn row(scenario: &str, of: &[&Comparison]) -> String {
         (mean, mean_abs, worst, of.len() - values.len())
     };
     let (inertia, coulomb, viscous) = (relative(0), relative(1), relative(2));
-    let (deg, mm) = (sorted(|one| one.axis_deg), sorted(|one| one.axis_mm));
+    let (deg, mm) = (spread(|one| one.axis_deg), spread(|one| one.axis_mm));
     format!(
         "| {scenario} | {} | {} | {:.3} / {:.3} | {:.2} / {:.2} | {:+.2} / {:+.2} ({} null) | {:.1} ({} null) | {:.1} ({} null) | {:.3} | {:.3} | {:.3} | {:.3} |",
         of.len(),
         of.iter().filter(|one| one.kind_is_right).count(),
-        median(&deg),
-        worst(&deg),
-        median(&mm),
-        worst(&mm),
+        deg.median(),
+        deg.most(),
+        mm.median(),
+        mm.most(),
         inertia.0,
         inertia.2,
         inertia.3,
@@ -124,9 +111,9 @@ fn row(scenario: &str, of: &[&Comparison]) -> String {
         coulomb.3,
         viscous.1,
         viscous.3,
-        median(&sorted(|one| one.base_held_out)),
-        median(&sorted(|one| one.held_out)),
-        median(&sorted(|one| one.floor_estimated)),
-        median(&sorted(|one| one.floor_true)),
+        spread(|one| one.base_held_out).median(),
+        spread(|one| one.held_out).median(),
+        spread(|one| one.floor_estimated).median(),
+        spread(|one| one.floor_true).median(),
     )
 }
