@@ -1,8 +1,5 @@
 //! What the table programs take for a value.
 
-use ft_sim_hw::Scenario;
-use ft_sim_hw::scenario::ScenarioError;
-
 /// A number above 0.
 ///
 /// # Errors
@@ -23,12 +20,4 @@ pub fn probability(text: &str) -> Result<f64, String> {
     number
         .filter(|value| (0.0..=1.0).contains(value))
         .ok_or_else(|| format!("{text:?} is not a number from 0 to 1"))
-}
-
-/// A built-in scenario, or the file of another.
-///
-/// # Errors
-/// There is none.
-pub fn scenario(text: &str) -> Result<Scenario, ScenarioError> {
-    Scenario::load(text)
 }

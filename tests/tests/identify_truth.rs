@@ -301,18 +301,16 @@ fn a_catch_of_half_a_floor_is_named_at_the_floor() {
     assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
 }
 
-/// Pads that damp what they give were called play for the other half of their effort, and 1.19 floors were left.
+/// Pads give later than they are pressed: without that 1.2 floors of this door were left, its name the same.
 #[test]
-fn pads_that_damp_are_no_play() {
-    let judged = Pair::of(425_100_235).judged(&[CONFIRM]);
+fn pads_give_as_late_as_they_damp() {
+    let pair = Pair::of(425_100_235);
+    let judged = pair.judged(&[CONFIRM]);
     assert_eq!(judged.truth, ["constant_load", "grasp_compliance"]);
-    let gives = judged
-        .named
-        .iter()
-        .find(|entry| entry.0 == "grasp_compliance");
-    assert_eq!(gives.unwrap().1, [""; 0], "{judged:?}");
     assert_eq!((judged.found, judged.wrong.len()), (2, 0), "{judged:?}");
     assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+    let [left, floor] = [judged.errors[1], judged.floors[0]];
+    assert!(left < 1.0 * floor, "{left} {floor}");
 }
 
 /// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.

@@ -48,6 +48,7 @@ impl Free {
                 (true, 1.0, [0.12 * fastest, fastest])
             }
             Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
+            Search::Lasting(low, high) => (true, 1.0, [low, high]),
         };
         Some(Self {
             effect,

@@ -129,7 +129,11 @@ impl State {
     /// grasp that gives has one number less.
     /// Once it is play, pads that give from where those of the play do are tried, too: they may err as little, and less than before.
     fn play(&mut self) -> Result<(), DynamicsError> {
-        if self.play_or_pads()? {
+        let plays = |state: &Self| {
+            let mut found = state.effects.iter();
+            found.any(|(found, _)| found.kind.name == BACKLASH.name)
+        };
+        if self.play_or_pads()? && plays(self) {
             self.play_or_pads()?;
         }
         Ok(())

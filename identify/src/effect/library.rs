@@ -112,6 +112,8 @@ pub enum Search {
     Below,
     /// Between these shares of the coordinate's range.
     Between(f64, f64),
+    /// Between so many seconds.
+    Lasting(f64, f64),
 }
 
 /// A shape parameter: name, unit, refinement.

@@ -109,7 +109,7 @@ pub const GRASP_COMPLIANCE: Kind = Kind {
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
         ("compliance", Unit::Compliance, Search::Factor(1.8)),
-        ("retardation", Unit::Time, Search::Factor(RETARDATION)),
+        ("retardation", Unit::Time, RETARDATION),
     ],
     variable: Variable::Ddq,
     grid: |scope| {
@@ -124,6 +124,7 @@ pub const GRASP_COMPLIANCE: Kind = Kind {
     separate: "a firmer grasp, or pulling against a locked joint",
 };
 
-/// Where the retardation of pads is looked for first, s; a tenth of it is as good as none, ten times is more than rubber has.
-pub(crate) const USUAL_RETARDATION_S: f64 = 0.003;
-pub(super) const RETARDATION: f64 = 3.2;
+/// How much later pads give, s: less is as good as none, more than rubber has, and a wrench that is late by as much.
+pub(super) const RETARDATION: Search = Search::Lasting(3e-4, 0.03);
+/// Where it is looked for first, s.
+pub(super) const USUAL_RETARDATION_S: f64 = 0.003;

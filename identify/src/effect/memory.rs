@@ -69,12 +69,12 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
     belongs: Belongs::Object,
-    equation: "the object is at q - gap / 2 while the tool pushes and at q + gap / 2 while it pulls; the play is share gap",
+    equation: "the object is at q - gap / 2 - x while the tool pushes and at q + gap / 2 - x while it pulls, x + retardation dx/dt = compliance tau; the play is share gap",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
         ("gap", Unit::Position, Search::Factor(1.6)),
         ("compliance", Unit::Compliance, Search::Factor(1.8)),
-        ("retardation", Unit::Time, Search::Factor(RETARDATION)),
+        ("retardation", Unit::Time, RETARDATION),
     ],
     variable: Variable::SinceReversal,
     grid: |scope| {
@@ -99,7 +99,7 @@ fn played(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
     moved(scope, &aside)
 }
 
-/// What it makes of the effort that the object lags behind the tool by a compliance times it, so much later.
+/// What it makes of the effort that the object lags behind the tool by pads of this compliance and retardation.
 pub(super) fn given(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
     let aside = behind_pads(scope.motion, &scope.motion.tau, shape);
     moved(scope, &aside)
@@ -146,7 +146,7 @@ fn behind_pads(motion: &Motion, tau: &[f64], pads: &[f64]) -> Vec<f64> {
     out
 }
 
-/// `x` of `x + retardation dx/dt = tau` at samples `step` retardations apart, from rest: exact for a `tau` that is straight between them.
+/// `x` of `x + retardation dx/dt = tau` at samples `step` retardations apart, settled under the first: exact for a `tau` that is straight between them.
 fn retarded(tau: &[f64], step: f64) -> impl Iterator<Item = f64> + '_ {
     let left = (-step).exp();
     // Share of a step's rise that is still to come at its end.
@@ -181,15 +181,12 @@ fn on_handle(scope: &Scope<'_>, slow: &[f64]) -> Vec<f64> {
 /// How far the object is aside of the tool: against a side of the play while it is pressed, and on its own way from there to where it
 /// is pressed next, as fast as it was when it was let go, slowed evenly.
 fn between_sides(motion: &Motion, tau: &[f64], shape: &[f64]) -> Vec<f64> {
-    let (gap, pads) = (shape[0], &shape[1..]);
-    let behind = behind_pads(motion, tau, pads);
+    let (gap, behind) = (shape[0], behind_pads(motion, tau, &shape[1..]));
     let (level, q) = (PRESSED * motion.fast_noise_of_tau(), &motion.q_measured);
     let shortest = (SHORTEST_S / motion.period).ceil() as usize;
     let side = |tau: f64| {
         if tau.abs() > level { tau.signum() } else { 0.0 }
     };
-    // Without an effort it is nowhere but in the play.
-    let most = 0.5 * gap + pads[0] * level;
     let mut out = vec![0.0; q.len()];
     for run in &motion.runs {
         // Where it was pressed last, and how far aside.
@@ -210,6 +207,8 @@ fn between_sides(motion: &Motion, tau: &[f64], shape: &[f64]) -> Vec<f64> {
                 let steps = (i - from) as f64;
                 let speed = motion.dq[from] * motion.period;
                 let slowed = (q[i] + aside - q[from] - left) / steps - speed;
+                // Without an effort it is nowhere but in the play, and no farther than the pads hold it.
+                let most = left.abs().max(aside.abs());
                 for (step, k) in (1..).zip(from + 1..i) {
                     let step = f64::from(step);
                     let way = step * (speed + slowed * step / steps);

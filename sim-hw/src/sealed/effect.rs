@@ -46,14 +46,15 @@ pub(super) fn names(
 ) -> Result<Vec<&'static str>, SealedError> {
     let all = || VOCABULARY.into_iter().chain(OUTSIDE);
     if !options.only.is_empty() {
-        let wanted = &options.only[random.below(options.only.len())];
-        let found = all().find(|name| name == wanted);
-        return found
-            .map(|name| vec![name])
-            .ok_or_else(|| SealedError::UnknownEffect {
+        let known = options.only.iter().map(|wanted| {
+            let found = all().find(|name| name == wanted);
+            found.ok_or_else(|| SealedError::UnknownEffect {
                 name: wanted.clone(),
                 known: all().collect::<Vec<_>>().join(", "),
-            });
+            })
+        });
+        let known = known.collect::<Result<Vec<_>, _>>()?;
+        return Ok(vec![known[random.below(known.len())]]);
     }
     let lot = random.uniform(0.0, 1.0);
     if lot < options.none {

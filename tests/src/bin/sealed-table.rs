@@ -126,6 +126,12 @@ fn said(judged: &[Judged], options: &Options) -> Result<(), String> {
 impl Options {
     /// Whether the draws can be drawn, kept and told of; otherwise why not, and the program's code.
     fn check(&self) -> Result<(), (u8, String)> {
+        if self.none + self.outside + self.two > 1.0 {
+            return Err((
+                2,
+                "--none, --outside and --two are more than 1 together".to_owned(),
+            ));
+        }
         let unknown = |error: &SealedError| matches!(error, SealedError::UnknownEffect { .. });
         let drawn = SealedDraw::draw(self.first_seed, &self.sealed());
         if let Some(error) = drawn.err().filter(unknown) {

@@ -14,7 +14,7 @@ use ft_identify::paper::{PaperSettings, identify};
 use ft_identify::pipeline::{identify_recording, joint_samples};
 use ft_recording::{Pose7, Recording, TopicMap, TrackedFrame};
 use ft_sim_hw::Scenario;
-use ft_tests::arguments::{positive, scenario};
+use ft_tests::arguments::positive;
 use ft_tests::truth::{Trial, try_record};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
@@ -38,7 +38,7 @@ struct Arguments {
     #[arg(default_value_t = 71.0, value_parser = positive)]
     seconds: f64,
     /// A built-in scenario, or the file of another
-    #[arg(default_value = "wood_door", value_parser = scenario)]
+    #[arg(default_value = "wood_door", value_parser = Scenario::load)]
     scenario: Scenario,
 }
 

@@ -2,7 +2,6 @@
 
 use clap::Parser;
 use ft_sim_hw::Scenario;
-use ft_tests::arguments::scenario;
 use ft_tests::stamps::{Errors, StampEffect, Treatment, effect};
 
 /// Inertia and friction by the quality of stamps and of the tool's mass, as Markdown.
@@ -18,7 +17,7 @@ struct Arguments {
     #[arg(default_value_t = 1)]
     first_seed: u64,
     /// Built-in scenarios, or files of others
-    #[arg(value_name = "SCENARIO", default_values = ["sliding_door", "drawer_light", "wood_door"], value_parser = scenario)]
+    #[arg(value_name = "SCENARIO", default_values = ["sliding_door", "drawer_light", "wood_door"], value_parser = Scenario::load)]
     scenarios: Vec<Scenario>,
 }
 
