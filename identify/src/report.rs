@@ -14,6 +14,7 @@ use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
 use crate::digits::figure;
 use crate::dynamics::{EffortModel, JointFit, Structure, Term};
+use crate::effect::library::kind;
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
 use crate::lag::{Lag, USUAL_S};
@@ -375,6 +376,14 @@ impl Report {
             }),
         };
         (self.effects, self.refused) = effects::entries(analysis);
+        for effect in &self.effects {
+            if let (Some(size), Some(kind)) = (summary::undecided(effect), kind(effect.name)) {
+                self.notes.push(format!(
+                    "the size of {} is not told from nothing ({size}): with another shape, or beside the others, something else may be in its place; what would tell: {}",
+                    effect.name, kind.separate
+                ));
+            }
+        }
         self.input.confirm = analysis.confirmed.iter().map(|c| c.file.clone()).collect();
         for other in &analysis.confirmed {
             let own = analysis.named.value("inertia");

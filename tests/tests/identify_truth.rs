@@ -310,7 +310,7 @@ fn pads_give_as_late_as_they_damp() {
     assert_eq!((judged.found, judged.wrong.len()), (2, 0), "{judged:?}");
     assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
     let [left, floor] = [judged.errors[1], judged.floors[0]];
-    assert!(left < 1.0 * floor, "{left} {floor}");
+    assert!(left < floor, "{left} {floor}");
 }
 
 /// A spring over its dead centre is in no library; two notches and a ripple make it up to the noise floor, and are no name for it.

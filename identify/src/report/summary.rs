@@ -6,6 +6,7 @@ use super::Report;
 use super::effects::EffectEntry;
 use crate::analysis::Verdict;
 use crate::digits::{figure, with_std};
+use crate::dynamics::Term;
 use crate::screw::JointKind;
 
 impl Report {
@@ -326,6 +327,24 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
     }
 }
 
+/// The sizes of an effect where none of them is told from nothing: all less than twice as large as uncertain.
+pub(super) fn undecided(effect: &EffectEntry) -> Option<String> {
+    let mut sizes = (effect.terms.iter().enumerate())
+        .take(effect.fitted)
+        .filter(|(_, term)| term.value.is_some())
+        .peekable();
+    sizes.peek()?;
+    let is_open = |(i, term): (usize, &Term)| {
+        let std = effect.std_of(&[(i, 1.0)]).or(term.std);
+        let value = term.value.map_or(0.0, f64::abs);
+        std.is_some_and(|std| value < TOLD_FROM_NOTHING * std)
+    };
+    sizes.all(is_open).then(|| sizes_of(effect).join(", "))
+}
+
+/// So many standard deviations tell a size from nothing.
+const TOLD_FROM_NOTHING: f64 = 2.0;
+
 /// An error on a confirming recording that falls by less says nothing for an effect.
 const LEAST_FALL: f64 = 0.01;
 
@@ -379,6 +398,29 @@ mod tests {
         play.spread[(0, 1)] = -0.1 * 0.004 * 0.99;
         play.spread[(1, 0)] = play.spread[(0, 1)];
         assert_eq!(line(&play), " (gap 0.01000 ± 0.00028 m)");
+    }
+
+    #[test]
+    fn a_size_is_told_from_nothing_or_not() {
+        let zone = |damping: f64, beyond: f64| {
+            effect(
+                &[
+                    ("damping", damping, Some(2.0), "N s/m"),
+                    ("beyond", beyond, Some(3.0), "N s/m"),
+                    ("from", 0.1, Some(0.01), "m"),
+                ],
+                2,
+            )
+        };
+        let open = undecided(&zone(3.9, -5.9));
+        assert_eq!(
+            open.as_deref(),
+            Some("damping 3.9 ± 2.0 N s/m, beyond -5.9 ± 3.0 N s/m")
+        );
+        assert_eq!(undecided(&zone(3.9, -6.1)), None);
+        assert_eq!(undecided(&zone(-4.1, 0.0)), None);
+        // A slip has no size that was fitted.
+        assert_eq!(undecided(&effect(&[("length", 0.002, None, "m")], 0)), None);
     }
 
     #[test]
