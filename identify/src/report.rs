@@ -409,6 +409,12 @@ impl Report {
                 "the named effects leave {left:.1} noise floors: beside so much that has no name, a name may be a part of something else"
             ));
         }
+        let left = self.last.held_out_rms.unwrap_or(0.0) / analysis.floor.rms;
+        if left > TENTATIVE {
+            self.notes.push(format!(
+                "even with a mechanism of no name {left:.1} noise floors are left on held-out strokes: inertia and friction may be off by more than their ±; probe longer, every place at many speeds"
+            ));
+        }
         if analysis.cutoff_lowered {
             let hz = analysis.settings.cutoff_hz;
             self.notes.push(format!(
