@@ -301,9 +301,10 @@ fn a_catch_of_half_a_floor_is_named_at_the_floor() {
     assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
 }
 
-/// Pads give later than they are pressed: without that 1.2 floors of this door were left, its name the same.
+/// Pads give later than they are pressed: without that 1.2 floors of this door were left, its name the same. How much later is not asked here:
+/// the share is 1.3 where it should be 1, and the retardation some half of the simulator's.
 #[test]
-fn pads_give_as_late_as_they_damp() {
+fn a_grasp_with_pads_that_damp_leaves_the_floor() {
     let pair = Pair::of(425_100_235);
     let judged = pair.judged(&[CONFIRM]);
     assert_eq!(judged.truth, ["constant_load", "grasp_compliance"]);
