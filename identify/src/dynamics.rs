@@ -479,10 +479,10 @@ impl Design {
 
 impl EffortModel {
     /// Adds what a relative standard deviation `lever` of the lever does to inertia and friction: the effort is the force times
-    /// the lever, and the angle a path over it.
-    pub fn widen_for_lever(&mut self, lever: f64) {
+    /// the lever, and the share `by_path` of the angle a path over it.
+    pub fn widen_for_lever(&mut self, lever: f64, by_path: f64) {
         for (i, term) in self.terms.iter_mut().enumerate() {
-            let extra = lever_power(&term.name) * lever * self.theta[i];
+            let extra = lever_power(&term.name, by_path) * lever * self.theta[i];
             self.covariance[(i, i)] += extra * extra;
             term.std = term.std.map(|std| std.hypot(extra));
         }
@@ -559,18 +559,18 @@ impl JointFit {
     }
 
     /// As [`EffortModel::widen_for_lever`].
-    pub fn widen_for_lever(&mut self, lever: f64) {
+    pub fn widen_for_lever(&mut self, lever: f64, by_path: f64) {
         for term in &mut self.terms {
-            let extra = lever_power(&term.name) * lever * term.value.unwrap_or(0.0);
+            let extra = lever_power(&term.name, by_path) * lever * term.value.unwrap_or(0.0);
             term.std = term.std.map(|std| std.hypot(extra));
         }
     }
 }
 
-/// Power of the lever in a parameter.
-fn lever_power(name: &str) -> f64 {
+/// Power of the lever in a parameter, where it makes so much of the angle.
+fn lever_power(name: &str, by_path: f64) -> f64 {
     match name {
-        "inertia" | "viscous" => 2.0,
+        "inertia" | "viscous" => 1.0 + by_path,
         "coulomb" => 1.0,
         _ => 0.0,
     }

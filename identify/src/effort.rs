@@ -46,6 +46,8 @@ pub struct JointEffort {
     pub axis: ScrewAxis,
     /// Where the tool holds the part at q = 0, m.
     pub tool_position: Point3<f64>,
+    /// Share of the coordinate that positions make; of a hinge they are its path over the lever, and rotations make the rest.
+    pub by_path: f64,
     /// Retained positions of the TCP, m.
     pub path: Vec<Point3<f64>>,
     /// What does no work.
@@ -225,6 +227,7 @@ fn effort_of(
         samples,
         axis,
         tool_position: tool_position.into(),
+        by_path: coordinate.by_path,
         path,
         nonwork: work.nonwork,
         carried,

@@ -239,9 +239,9 @@ fn identify_with(
     if let (Some(analysis), JointKind::Revolute) = (&mut analysis, joint.axis.kind) {
         let lever = joint.axis.distance(&joint.tool_position).max(1e-3);
         let share = joint.radius_std / lever;
-        analysis.full.widen_for_lever(share);
+        analysis.full.widen_for_lever(share, effort.by_path);
         if let Some(fit) = &mut analysis.jointly {
-            fit.widen_for_lever(share);
+            fit.widen_for_lever(share, effort.by_path);
         }
     }
     if let Ok(payload) = payload {

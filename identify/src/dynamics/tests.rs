@@ -482,22 +482,26 @@ fn a_relief_valve_and_an_edge_are_followed_and_friction_is_right_or_withdrawn() 
 }
 
 #[test]
-fn an_unsure_lever_widens_inertia_twice_as_much_as_friction() {
+fn an_unsure_lever_widens_inertia_by_force_and_path() {
     let motion = Motion::prepare(
         &record(&PLAIN, 30.0, [4e-5, 0.1], 1),
         &MotionSettings::default(),
     )
     .unwrap();
     let sure = fit_base(&motion).unwrap();
-    let mut unsure = sure.clone();
-    unsure.widen_for_lever(0.01);
-    for (name, power) in [("inertia", 2.0), ("coulomb", 1.0)] {
-        let extra = (unsure.std(name).unwrap().powi(2) - sure.std(name).unwrap().powi(2)).sqrt();
-        assert!(
-            (extra / (0.01 * sure.value(name).unwrap()) - power).abs() < 1e-9,
-            "{name}: {extra}"
-        );
-        assert_eq!(unsure.value(name), sure.value(name));
+    // The angle is the path over the lever, or a rotation in part.
+    for (by_path, power) in [(1.0, 2.0), (0.25, 1.25)] {
+        let mut unsure = sure.clone();
+        unsure.widen_for_lever(0.01, by_path);
+        for (name, power) in [("inertia", power), ("coulomb", 1.0)] {
+            let [own, widened] = [&sure, &unsure].map(|model| model.std(name).unwrap());
+            let extra = (widened.powi(2) - own.powi(2)).sqrt();
+            assert!(
+                (extra / (0.01 * sure.value(name).unwrap()) - power).abs() < 1e-9,
+                "{name}: {extra}"
+            );
+            assert_eq!(unsure.value(name), sure.value(name));
+        }
     }
 }
 

@@ -15,6 +15,8 @@ use crate::tool::ToolSamples;
 
 pub(super) struct Coordinate {
     pub(super) q: Vec<f64>,
+    /// See [`JointEffort::by_path`](super::JointEffort::by_path).
+    pub(super) by_path: f64,
     pub(super) noise: Vec<Vec<f64>>,
     /// See [`Aside::beside`](crate::samples::Aside::beside).
     pub(super) beside: Vec<Vec<f64>>,
@@ -39,6 +41,7 @@ impl Coordinate {
             };
             return Ok(Self {
                 q: along(direction),
+                by_path: 1.0,
                 noise: vec![along(first), along(second)],
                 beside: Vec::new(),
             });
@@ -57,6 +60,7 @@ impl Coordinate {
         if !joint.uses_rotations {
             return Ok(Self {
                 q: by_position,
+                by_path: 1.0,
                 noise: across.to_vec(),
                 beside: Vec::new(),
             });
@@ -86,6 +90,7 @@ impl Coordinate {
         let mixed = by_position.iter().zip(&by_rotation);
         Ok(Self {
             q: mixed.map(|(a, b)| share * a + (1.0 - share) * b).collect(),
+            by_path: share,
             noise: lever.noise(share, &across[0], &tilts),
             beside: across.to_vec(),
         })
