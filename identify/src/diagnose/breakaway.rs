@@ -1,5 +1,7 @@
 //! How much more it takes to leave rest than to slide: read off the effort while the joint rests, which no fit of the motion sees.
 
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 
 use super::confirm::{Confirmation, shown};
@@ -277,7 +279,7 @@ pub(crate) fn add_stiction(
             kind,
             shape: vec![here.excess],
             used: Vec::new(),
-            rigid: [0.0; 3],
+            object: Arc::default(),
             datum: 0.0,
         },
         held_out_rms,

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
 use super::gates::{GIVES, LEAST_SIZE};
-use super::model::{Found, Ground, is_known, is_smooth_load};
+use super::model::{Found, Ground, RIGID, is_known, is_smooth_load};
 use super::score::{Problem, factor, gram};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
@@ -62,6 +62,8 @@ impl State {
         }
         self.simplify_loads()?;
         self.name_by_friction()?;
+        let theta = self.fit()?.theta;
+        self.offer_anew(theta.as_slice())?;
         let as_found = self.effects.clone();
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
@@ -187,7 +189,7 @@ impl State {
             return Ok(());
         }
         let before = self.effects[..i].iter();
-        let own = 3 + before.map(|(f, _)| f.terms().count()).sum::<usize>();
+        let own = RIGID + before.map(|(f, _)| f.terms().count()).sum::<usize>();
         let theta = self.fit()?.theta;
         if theta[1] + theta[own] <= MOST_BY_WAY * theta[1] {
             return Ok(());

@@ -341,7 +341,7 @@ impl State {
 impl State {
     /// Why, where a weight would have to be more than what the hinge carries can have about an axis that is seen to stand upright.
     pub(super) fn too_heavy(&self, entry: &Ranked) -> Option<String> {
-        let most = self.samples.aside.most_weight? * self.ground.rigid[0];
+        let most = self.samples.aside.most_weight? * self.ground.object.rigid[0];
         let weight = entry.theta.iter().map(|v| v * v).sum::<f64>().sqrt();
         (entry.kind.name == "gravity" && weight > most && most > 0.0).then(|| {
             format!("{weight:.3} N m is more than weight can do about an axis that is as upright ({most:.3})")

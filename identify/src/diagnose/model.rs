@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::score::{Folds, solve};
 use super::shapes::{Free, free_of};
 use crate::effect::axis::FARTHEST;
-use crate::effect::library::{Kind, LIBRARY, Scope, Unit};
+use crate::effect::library::{Kind, LIBRARY, Object, OfState, Scope, Unit};
 use crate::effect::measurement::PAYLOAD_SWITCH;
 use crate::effect::{Column, Effect, RigidBody};
 use crate::least_squares::{Bound, rms};
@@ -24,8 +24,8 @@ pub struct Found {
     pub shape: Vec<f64>,
     /// Which of the kind's terms are used; a constant that another effect has already is left out.
     pub used: Vec<bool>,
-    /// Inertia, Coulomb and viscous friction with which its regressors were made.
-    pub rigid: [f64; 3],
+    /// The object with which its regressors are made.
+    pub object: Arc<Object>,
     /// What the coordinate lacks to that in which the shape is stated.
     pub datum: f64,
 }
@@ -44,7 +44,7 @@ impl Found {
         if self.taken_out() {
             return Vec::new();
         }
-        let mut scope = Scope::of(motion, self.rigid);
+        let mut scope = Scope::of(motion, &self.object);
         scope.datum = self.datum;
         let all = (self.kind.series)(&scope, &self.shape);
         let used = all.into_iter().zip(&self.used);
@@ -62,7 +62,7 @@ impl Found {
         self.kind.is(other.kind)
             && self.shape == other.shape
             && self.used == other.used
-            && self.rigid == other.rigid
+            && Arc::ptr_eq(&self.object, &other.object)
             && self.datum == other.datum
     }
 
@@ -83,7 +83,7 @@ impl Found {
         if self.kind.at.is_none() {
             return out;
         }
-        let step = SLOPE_STEP * Scope::of(motion, self.rigid).range();
+        let step = SLOPE_STEP * Scope::of(motion, &self.object).range();
         for side in [1.0, -1.0] {
             let moved = Self {
                 datum: self.datum + side * step,
@@ -105,7 +105,7 @@ impl Found {
         let Some(at) = self.kind.at else {
             return vec![0.0; motion.q.len()];
         };
-        let step = SLOPE_STEP * Scope::of(motion, self.rigid).fastest();
+        let step = SLOPE_STEP * Scope::of(motion, &self.object).fastest();
         let effort = |q: f64, dq: f64| -> f64 {
             let terms = at(&self.shape, q, dq);
             let used = terms.iter().zip(&self.used).filter(|(_, used)| **used);
@@ -124,7 +124,10 @@ impl Found {
         if self.kind.at.is_none() {
             return Vec::new();
         }
-        free_of(&Scope::of(motion, self.rigid), core::slice::from_ref(self))
+        free_of(
+            &Scope::of(motion, &self.object),
+            core::slice::from_ref(self),
+        )
     }
 
     /// Where these numbers stand in the shape, and what a step changes of them.
@@ -143,6 +146,15 @@ impl Found {
         out
     }
 
+    /// Makes the ways by which it moves the object so many times as large.
+    pub(super) fn grow(&mut self, times: f64) {
+        for (of, value) in self.kind.shape.iter().zip(&mut self.shape) {
+            if matches!(of.1, Unit::Position | Unit::Compliance) {
+                *value *= times;
+            }
+        }
+    }
+
     /// The used terms.
     pub fn terms(&self) -> impl Iterator<Item = &'static crate::effect::library::TermOf> {
         let terms = self.kind.terms.iter().zip(&self.used);
@@ -150,6 +162,8 @@ impl Found {
     }
 }
 
+/// Inertia, Coulomb and viscous friction stand before the effects in a model's parameters.
+pub(super) const RIGID: usize = 3;
 /// Half the way over which a slope is taken, as a share of the range.
 const SLOPE_STEP: f64 = 2e-3;
 
@@ -160,10 +174,29 @@ pub(crate) fn per_velocity(dq: f64, step: f64, effort: impl Fn(f64) -> f64) -> f
     side * (effort(side * fast) - effort(side * slow)) / (fast - slow)
 }
 
+/// The object with the effects `found`, whose terms stand in `theta` behind inertia and friction.
+pub(super) fn object_of(found: &[Found], theta: &[f64]) -> Object {
+    let mut theta = theta.iter().copied();
+    let rigid = core::array::from_fn(|_| theta.next().unwrap_or(0.0).max(0.0));
+    let mut effects = Vec::new();
+    for found in found {
+        let mut own = [0.0; 2];
+        for (own, _) in own.iter_mut().zip(&found.used).filter(|(_, used)| **used) {
+            *own = theta.next().unwrap_or(0.0);
+        }
+        effects.extend(found.kind.at.map(|at| OfState {
+            at,
+            shape: found.shape.clone(),
+            theta: own,
+        }));
+    }
+    Object { rigid, effects }
+}
+
 /// Slope by acceleration, coordinate and velocity of all of `found`, whose terms stand in `theta` behind inertia and friction.
 pub(crate) fn slopes_of(motion: &Motion, found: &[Found], theta: &[f64]) -> Slopes {
     let mut out = Slopes::none(motion.q.len());
-    let mut at = 3;
+    let mut at = RIGID;
     for found in found {
         let terms = found.terms().count();
         let own = theta.get(at..at + terms).unwrap_or(&[]);
@@ -224,7 +257,8 @@ pub(super) struct Ground {
     pub(super) y: Vec<f64>,
     pub(super) folds: Folds,
     pub(super) base: Vec<Vec<f64>>,
-    pub(super) rigid: [f64; 3],
+    /// The object as far as it is known.
+    pub(super) object: Arc<Object>,
     /// Which of the base columns a search uses: inertia and viscous friction only while their estimates are positive.
     pub(super) active: [bool; 3],
     /// A load over the coordinate that no effect of the library explains, beside which the search goes on; empty at first.
@@ -273,7 +307,7 @@ impl Ground {
             folds: blocks(&motion),
             motion,
             base,
-            rigid: [theta[0].max(0.0), theta[1].max(0.0), theta[2].max(0.0)],
+            object: Arc::new(object_of(&[], &theta)),
             active: [true; 3],
             curve: Vec::new(),
             made: Made::default(),
@@ -339,7 +373,7 @@ impl Ground {
     }
 
     pub(super) fn scope(&self) -> Scope<'_> {
-        Scope::of(&self.motion, self.rigid)
+        Scope::of(&self.motion, &self.object)
     }
 
     /// Filtered columns of a kind with a shape.
@@ -359,7 +393,7 @@ impl Ground {
             kind,
             shape,
             used,
-            rigid: self.rigid,
+            object: Arc::clone(&self.object),
             datum: 0.0,
         }
     }
@@ -410,11 +444,19 @@ const OF_TIME: [&str; 3] = ["sensor_drift", "friction_drift", "payload_switch"];
 
 /// All grid points of the library on a motion that may show them.
 pub(super) fn bank(ground: &Ground) -> Result<Vec<Candidate>, MotionError> {
+    grid_points(ground, |_| true)
+}
+
+/// Those of some kinds.
+pub(super) fn grid_points(
+    ground: &Ground,
+    of: impl Fn(&Kind) -> bool,
+) -> Result<Vec<Candidate>, MotionError> {
     let scope = ground.scope();
     let shows_time = ground.motion.shows_time();
     let points: Vec<(&'static Kind, Vec<f64>)> = LIBRARY
         .into_iter()
-        .filter(|kind| shows_time || !OF_TIME.contains(&kind.name))
+        .filter(|kind| of(kind) && (shows_time || !OF_TIME.contains(&kind.name)))
         .flat_map(|kind| {
             (kind.grid)(&scope)
                 .into_iter()

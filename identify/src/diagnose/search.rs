@@ -255,6 +255,7 @@ impl State {
         let model = self.fit()?;
         self.floor = floor_of(&self.samples, &self.ground.motion, &model, &found)?;
         self.ground.active = [model.theta[0] > 0.0, true, model.theta[2] > 0.0];
+        self.offer_anew(model.theta.as_slice())?;
         let x = self.ground.columns(&found)?;
         let mut efforts = vec![self.ground.y.clone()];
         let left = if self.ground.curve.is_empty() {

@@ -39,7 +39,7 @@ impl Free {
     ) -> Option<Self> {
         let range = scope.range();
         let (by_factor, unit, limits) = match search {
-            Search::Fixed | Search::Form => return None,
+            Search::Fixed | Search::Form | Search::ByShare => return None,
             Search::Way(share) => (false, range, [start - share * range, start + share * range]),
             Search::Seconds(s) => (false, s, [start - s, start + s]),
             Search::Factor(f) => (true, 1.0, [start / (f * f), start * f * f]),

@@ -10,7 +10,7 @@ use super::model::{Columns, Found};
 use super::search::Diagnosis;
 use super::shapes::{Free, free_of, moves};
 use crate::dynamics::{DynamicsError, EffortModel, covariance_of_columns};
-use crate::effect::library::Scope;
+use crate::effect::library::{Object, Scope};
 use crate::effect::load::CATCH;
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
@@ -23,7 +23,8 @@ use crate::samples::JointSamples;
 /// When an effect has no regressor on the motion.
 pub(crate) fn state_spread(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let found = diagnosis.found();
-    let scope = Scope::of(&diagnosis.motion, [0.0; 3]);
+    let object = Object::default();
+    let scope = Scope::of(&diagnosis.motion, &object);
     let free = free_of(&scope, &found);
     let Some(spread) = spread(&diagnosis.motion, &found, &diagnosis.model, &free)? else {
         return Ok(());

@@ -1,9 +1,11 @@
 //! After each effect: shapes of all anew, replacements, and what has become superfluous.
 
+use std::sync::Arc;
+
 use super::apart::CRUDE_APART;
 use super::confirm::shown;
-use super::gates::most_of;
-use super::model::{Found, is_load, signs_hold};
+use super::gates::{GIVES, most_of};
+use super::model::{Found, RIGID, grid_points, is_load, object_of, signs_hold};
 use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
@@ -19,6 +21,8 @@ use crate::least_squares::rms;
 const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
+/// What acts through the object is made anew so often.
+const REMADE: usize = 2;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
@@ -35,10 +39,62 @@ impl State {
         let before = shapes(self);
         self.unless_worse(Self::relieve)?;
         // A valve that was tried anew opens at one of some speeds.
-        if shapes(self) == before {
+        if shapes(self) != before {
+            self.unless_worse(Self::polish)?;
+        }
+        self.unless_worse(Self::remake)
+    }
+
+    /// Makes what acts through the object anew, with what the whole model says of that, and as large as all of it: then its share is near 1.
+    fn remake(&mut self) -> Result<(), DynamicsError> {
+        let acts = |found: &Found| GIVES.contains(&found.kind.name);
+        // Beside a curve of no name the model does not say all.
+        if !self.effects.iter().any(|(found, _)| acts(found)) || !self.ground.curve.is_empty() {
             return Ok(());
         }
-        self.unless_worse(Self::polish)
+        for left in (0..=REMADE).rev() {
+            let Some(model) = shown(self.fit())? else {
+                break;
+            };
+            let theta = model.theta.as_slice();
+            let object = Arc::new(object_of(&self.found(), theta));
+            let mut at = RIGID;
+            for (found, _) in &mut self.effects {
+                if acts(found) {
+                    found.object = Arc::clone(&object);
+                    if signs_hold(found.kind, &found.used, &theta[at..=at]) {
+                        found.grow(theta[at]);
+                    }
+                }
+                at += found.terms().count();
+            }
+            if left > 0 {
+                self.polish()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes what the library offers to act through the object anew: through the one that those of the model have, or with what the model, which has
+    /// `theta`, says of it.
+    pub(super) fn offer_anew(&mut self, theta: &[f64]) -> Result<(), DynamicsError> {
+        let acts = |kind: &Kind| GIVES.contains(&kind.name);
+        if self.effects.is_empty() || !self.ground.curve.is_empty() {
+            return Ok(());
+        }
+        let there = self.effects.iter().find(|(found, _)| acts(found.kind));
+        self.ground.object = match there {
+            Some((found, _)) => Arc::clone(&found.object),
+            None => Arc::new(object_of(&self.found(), theta)),
+        };
+        let offered = |kind: &Kind| {
+            let mut bank = self.bank.iter();
+            acts(kind) && bank.any(|c| c.kind.is(kind))
+        };
+        let anew = grid_points(&self.ground, offered)?;
+        self.bank.retain(|candidate| !acts(candidate.kind));
+        self.bank.extend(anew);
+        Ok(())
     }
 
     /// Does it, and takes it back when the whole model then errs more.
@@ -133,10 +189,13 @@ impl State {
             let mut found = state.effects.iter();
             found.any(|(found, _)| found.kind.name == BACKLASH.name)
         };
-        if self.play_or_pads()? && plays(self) {
+        if !self.play_or_pads()? {
+            return Ok(());
+        }
+        if plays(self) {
             self.play_or_pads()?;
         }
-        Ok(())
+        self.unless_worse(Self::remake)
     }
 
     /// Whether the one took the place of the other.
@@ -146,7 +205,6 @@ impl State {
             self.given_up.contains(&kind.name) || bank.all(|c| c.kind.name != kind.name)
         };
         let there = |name: &str| self.effects.iter().position(|(f, _)| f.kind.name == name);
-        let own = |kind, shape| self.ground.found(kind, shape, vec![true]);
         let effort = rms(&self.ground.motion.tau);
         let (i, others) = match (there(GRASP_COMPLIANCE.name), there(BACKLASH.name)) {
             (Some(i), None) if !barred(&BACKLASH) => {
@@ -155,7 +213,7 @@ impl State {
                 };
                 let played = PLAYS.map(|[gap, rest]| {
                     let gap = gap * compliance * effort;
-                    own(&BACKLASH, vec![gap, rest * compliance, retardation])
+                    (&BACKLASH, vec![gap, rest * compliance, retardation])
                 });
                 (i, played.to_vec())
             }
@@ -165,7 +223,7 @@ impl State {
                 };
                 let given = [0.0, 0.5].map(|share| {
                     let compliance = compliance + share * gap / effort;
-                    own(&GRASP_COMPLIANCE, vec![compliance, retardation])
+                    (&GRASP_COMPLIANCE, vec![compliance, retardation])
                 });
                 (i, given.to_vec())
             }
@@ -178,9 +236,10 @@ impl State {
             least *= CRUDE_APART.sqrt();
         }
         let mut changed = false;
-        for other in others {
+        for (kind, shape) in others {
             let as_was = self.effects.clone();
-            self.effects[i].0 = other;
+            // Through the same object.
+            (self.effects[i].0.kind, self.effects[i].0.shape) = (kind, shape);
             self.polish()?;
             let (holds, error) = (self.holds(i)?, self.error()?);
             if holds && error < least {

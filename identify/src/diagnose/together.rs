@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::confirm::shown;
-use super::model::{Found, beside_rigid};
+use super::model::{Found, RIGID, beside_rigid};
 use super::search::Diagnosis;
 use super::spread::{SHOWN_BELOW, by_closed_end, wander};
 use crate::analysis::EXPLAINED_BELOW;
@@ -14,8 +14,6 @@ use crate::effect::load::{CATCH, restated};
 use crate::motion::Motion;
 use crate::samples::quantile;
 
-/// Inertia, Coulomb and viscous friction come first.
-const RIGID: usize = 3;
 /// Along the smoothed motion what both have may leave so much more than what that has itself. Where it leaves more, an effect was taken for wander.
 const LEAVES_BELOW: f64 = 1.05;
 

@@ -114,6 +114,8 @@ pub enum Search {
     Between(f64, f64),
     /// Between so many seconds.
     Lasting(f64, f64),
+    /// As many times as large as the effect's one term says, until that is near 1: alone either does as well.
+    ByShare,
 }
 
 /// A shape parameter: name, unit, refinement.
@@ -166,7 +168,7 @@ impl Kind {
     /// Number of free numbers: terms, and shapes that are refined.
     #[must_use]
     pub fn freedom(&self) -> usize {
-        let chosen = |s: &&Shape| matches!(s.2, Search::Fixed | Search::Form);
+        let chosen = |s: &&Shape| matches!(s.2, Search::Fixed | Search::Form | Search::ByShare);
         self.terms.len() + self.shape.len() - self.shape.iter().filter(chosen).count()
     }
 
@@ -179,13 +181,40 @@ impl Kind {
     }
 }
 
+/// The object as far as it is known, for effects that act through it.
+#[derive(Clone, Debug, Default)]
+pub struct Object {
+    /// Inertia, Coulomb and viscous friction.
+    pub rigid: [f64; 3],
+    /// Its effects that are functions of the state.
+    pub effects: Vec<OfState>,
+}
+
+/// An effect that is a function of the state, with its numbers.
+#[derive(Clone, Debug)]
+pub struct OfState {
+    /// Regressors from shape, q and dq.
+    pub at: AtState,
+    /// Shape parameters.
+    pub shape: Vec<f64>,
+    /// Factors of the regressors, 0 for those that are not used.
+    pub theta: [f64; 2],
+}
+
+impl OfState {
+    fn effort(&self, q: f64, dq: f64) -> f64 {
+        let [first, second] = (self.at)(&self.shape, q, dq);
+        self.theta[0] * first + self.theta[1] * second
+    }
+}
+
 /// A motion as the library sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope<'a> {
     /// The motion.
     pub motion: &'a Motion,
-    /// Inertia, Coulomb and viscous friction as far as known, for effects that act through them.
-    pub rigid: [f64; 3],
+    /// The object as far as it is known.
+    pub object: &'a Object,
     /// Smallest and largest coordinate.
     pub q: [f64; 2],
     /// What the coordinate of this recording lacks to that in which shapes were found.
@@ -195,11 +224,11 @@ pub struct Scope<'a> {
 impl<'a> Scope<'a> {
     /// The scope of a motion.
     #[must_use]
-    pub fn of(motion: &'a Motion, rigid: [f64; 3]) -> Self {
+    pub fn of(motion: &'a Motion, object: &'a Object) -> Self {
         let (low, high) = extrema(&motion.q);
         Self {
             motion,
-            rigid,
+            object,
             q: [low, high],
             datum: 0.0,
         }
@@ -225,15 +254,22 @@ impl<'a> Scope<'a> {
         high - low
     }
 
-    /// What it changes of the effort, with the inertia and friction found so far, that the object is `aside` of the tool.
+    /// What it changes of the effort that the object, as far as it is known, is `aside` of the tool.
     pub(super) fn moved_object(&self, aside: &[f64]) -> Vec<f64> {
         let motion = self.motion;
-        let [inertia, coulomb, viscous] = self.rigid;
+        let [inertia, coulomb, viscous] = self.object.rigid;
         let (dq, ddq) = (motion.derivative(aside), motion.second_derivative(aside));
         (0..aside.len())
             .map(|i| {
                 let sign = (motion.turning[i] + dq[i]).signum();
-                inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i]
+                let (q, here, there) =
+                    (motion.q[i] + self.datum, motion.dq[i], motion.dq[i] + dq[i]);
+                let (here, there) = (here.abs() * motion.sign[i], there.abs() * sign);
+                let of_state = self.object.effects.iter();
+                let of_state: f64 = of_state
+                    .map(|effect| effect.effort(q + aside[i], there) - effect.effort(q, here))
+                    .sum();
+                inertia * ddq[i] + coulomb * (sign - motion.sign[i]) + viscous * dq[i] + of_state
             })
             .collect()
     }

@@ -98,7 +98,7 @@ pub const TOOL_MASS: Kind = Kind {
 };
 
 /// The object stands at `q - x`, `x + retardation dx/dt = compliance tau`: pads and fingers give, rubber the slower the more it damps. One regressor,
-/// the difference that this makes with the inertia and friction found so far; its term should be near 1.
+/// the difference that this makes with the object as far as it is known; its term should be near 1.
 ///
 /// # Source
 /// The Kelvin-Voigt solid; Flügge, *Viscoelasticity*, 1975, chapter 1.
@@ -108,7 +108,7 @@ pub const GRASP_COMPLIANCE: Kind = Kind {
     equation: "the object is at q - x, x + retardation dx/dt = compliance tau; share = how much of that is seen",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
-        ("compliance", Unit::Compliance, Search::Factor(1.8)),
+        ("compliance", Unit::Compliance, Search::ByShare),
         ("retardation", Unit::Time, RETARDATION),
     ],
     variable: Variable::Ddq,

@@ -64,7 +64,7 @@ fn bristle(scope: &Scope<'_>, shape: &[f64]) -> Vec<f64> {
 
 /// The object stands at `q - gap/2` while the tool pushes and at `q + gap/2` while it pulls: it changes sides when the effort
 /// changes its sign, not when the motion turns. While there is no effort it goes its own way, and the tool meets it with a blow. One
-/// regressor, the difference that the play makes with the inertia and friction found so far; its term should be near 1, and the play is
+/// regressor, the difference that the play makes with the object as far as it is known; its term should be near 1, and the play is
 /// as large as `share` times `gap`. The pads behind the play give as those of a grasp that gives do.
 pub const BACKLASH: Kind = Kind {
     name: "backlash",
@@ -72,7 +72,7 @@ pub const BACKLASH: Kind = Kind {
     equation: "the object is at q - gap / 2 - x while the tool pushes and at q + gap / 2 - x while it pulls, x + retardation dx/dt = compliance tau; the play is share gap",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
-        ("gap", Unit::Position, Search::Factor(1.6)),
+        ("gap", Unit::Position, Search::ByShare),
         ("compliance", Unit::Compliance, Search::Factor(1.8)),
         ("retardation", Unit::Time, RETARDATION),
     ],
@@ -164,7 +164,7 @@ fn retarded(tau: &[f64], step: f64) -> impl Iterator<Item = f64> + '_ {
 /// object has its share.
 fn on_handle(scope: &Scope<'_>, slow: &[f64]) -> Vec<f64> {
     let motion = scope.motion;
-    let inertia = scope.rigid[0];
+    let inertia = scope.object.rigid[0];
     if motion.tool_inertia == 0.0 || inertia == 0.0 {
         return motion.tau.clone();
     }

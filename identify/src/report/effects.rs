@@ -192,6 +192,10 @@ fn terms_of(
         });
         *at += 1;
     }
+    // What share says of a size.
+    let relative = out
+        .first()
+        .and_then(|share| Some(share.std? / share.value?));
     let all_used = found.used.iter().all(|used| *used);
     let shapes = found.kind.shape.iter().zip(&found.shape);
     for (k, (shape, value)) in (out.len()..).zip(shapes) {
@@ -203,7 +207,10 @@ fn terms_of(
         out.push(Term {
             name: shape.0.to_owned(),
             value: Some(*value),
-            std: variance(k).filter(|v| *v > 0.0).map(f64::sqrt),
+            std: match shape.2 {
+                Search::ByShare => relative.map(|relative| relative * value),
+                _ => variance(k).filter(|v| *v > 0.0).map(f64::sqrt),
+            },
             unit: shape.1.text(joint),
         });
     }
