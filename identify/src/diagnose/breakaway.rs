@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 
 use super::confirm::{Confirmation, shown};
-use super::gates::GIVES;
+use super::gates::gives;
 use super::model::Found;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::DynamicsError;
@@ -241,7 +241,7 @@ pub(crate) fn add_stiction(
         ));
         return Ok(());
     }
-    if let Some(gives) = found.iter().find(|found| GIVES.contains(&found.kind.name)) {
+    if let Some(gives) = found.iter().find(|found| gives(found.kind)) {
         refuse(format!(
             "it takes {:.3} more to leave rest than to slide, but with {} the tool moves before the object does",
             here.excess, gives.kind.name

@@ -1,6 +1,6 @@
 //! The residual against the variable of an effect, without it and with it.
 
-use super::model::Found;
+use super::model::{Found, RIGID};
 use super::search::NamedEffect;
 use crate::dynamics::EffortModel;
 use crate::effect::library::Variable;
@@ -30,7 +30,7 @@ pub fn evidence(
     model: &EffortModel,
     named: &[NamedEffect],
 ) -> Result<Vec<Option<Evidence>>, MotionError> {
-    let mut at = 3;
+    let mut at = RIGID;
     let step = motion.kept.len().div_ceil(POINTS).max(1);
     named
         .iter()

@@ -1,14 +1,16 @@
 //! The end of the search: the order of the effects, what looks alike, and the last fit.
 
+use std::sync::Arc;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
-use super::gates::{GIVES, LEAST_SIZE};
-use super::model::{Found, Ground, RIGID, is_known, is_smooth_load};
+use super::gates::{LEAST_SIZE, gives};
+use super::model::{Found, Ground, RIGID, is_known, is_smooth_load, object_of};
 use super::score::{Problem, factor, gram};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
 use crate::analysis::EXPLAINED_BELOW;
-use crate::dynamics::DynamicsError;
+use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::{Kind, kind};
 use crate::effect::load::{CONSTANT_LOAD, STRUT};
@@ -97,8 +99,8 @@ impl State {
         let known = |found: &Found| leans && found.kind.name == "gravity";
         let floor = self.floor.rms;
         drop_doubtful(ground, floor, known, &mut effects, &mut self.refused)?;
+        let model = fit_named(motion, &mut effects)?;
         let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-        let model = fit_found(motion, &ordered)?;
         let floor = floor_of(&self.samples, motion, &model, &ordered)?;
         self.refused
             .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
@@ -130,7 +132,7 @@ impl State {
                 spread: DMatrix::zeros(0, 0),
             };
             // A grasp that gives moves tool and object apart in time as well.
-            let gives = |effect: &NamedEffect| GIVES.contains(&effect.found.kind.name);
+            let gives = |effect: &NamedEffect| gives(effect.found.kind);
             let needed = !known || share > 0.0;
             if needed && (lag.abs() > LEAST_BESIDE || !effects.iter().any(gives)) {
                 self.refused.retain(|refused| refused.name != time_lag.name);
@@ -375,6 +377,29 @@ impl State {
         }
         Ok(out)
     }
+}
+
+/// The model of what is named. What acts through the object has been made with all that the search found: it is made anew where some of that has gone.
+pub(super) fn fit_named(
+    motion: &Motion,
+    effects: &mut [NamedEffect],
+) -> Result<EffortModel, DynamicsError> {
+    let found = |effects: &[NamedEffect]| -> Vec<Found> {
+        let found = effects.iter().map(|effect| effect.found.clone());
+        found.filter(|found| !found.taken_out()).collect()
+    };
+    let all = found(effects);
+    let model = fit_found(motion, &all)?;
+    let of_state = all.iter().filter(|found| found.kind.at.is_some()).count();
+    let is_stale = |found: &Found| gives(found.kind) && found.object.effects.len() != of_state;
+    if !all.iter().any(is_stale) {
+        return Ok(model);
+    }
+    let object = Arc::new(object_of(&all, model.theta.as_slice()));
+    for effect in effects.iter_mut().filter(|effect| gives(effect.found.kind)) {
+        effect.found.object = Arc::clone(&object);
+    }
+    fit_found(motion, &found(effects))
 }
 
 /// Lag that is named beside a grasp that gives, s; a smaller one is taken out without a name.

@@ -31,7 +31,12 @@ const RIVAL_SCORE: f64 = 0.4;
 const MOST_RIVALS: usize = 3;
 
 /// Grasps that give: by a force, or by a play. One of them is enough to say.
-pub(super) const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
+const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
+
+/// Whether it moves the object away from the tool, and so all that the object has.
+pub(super) fn gives(kind: &Kind) -> bool {
+    GIVES.contains(&kind.name)
+}
 
 /// The share of their evidence that must be left without the noise of the poses.
 const QUIET_SHARE: f64 = 0.5;
@@ -162,12 +167,12 @@ impl State {
                 "it is in the model already, and once more makes no physical sense".to_owned(),
             );
         }
-        let gives = |found: &Found| GIVES.contains(&found.kind.name);
-        if GIVES.contains(&entry.kind.name) && self.effects.iter().any(|(found, _)| gives(found)) {
+        let there = self.effects.iter().find(|(found, _)| gives(found.kind));
+        if gives(entry.kind) && there.is_some() {
             return Some("its look-alike is in the model already".to_owned());
         }
         if entry.kind.name == "presliding"
-            && let Some((found, _)) = self.effects.iter().find(|(found, _)| gives(found))
+            && let Some((found, _)) = there
         {
             let (length, way) = (entry.shape[0], self.given_way(found));
             if length < way {
@@ -247,9 +252,7 @@ impl State {
                 entry.score
             ));
         }
-        if GIVES.contains(&entry.kind.name)
-            && self.score_of_quiet(entry) <= most.max(QUIET_SHARE * entry.score)
-        {
+        if gives(entry.kind) && self.score_of_quiet(entry) <= most.max(QUIET_SHARE * entry.score) {
             return Some(
                 "it helps by the noise of the poses, which is in the effort too where the tool's inertia was taken off"
                     .to_owned(),

@@ -510,7 +510,7 @@ pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
         .zip(theta)
         .all(|((term, _), value)| match (term.1, term.0) {
             (Unit::Length, _) => value.abs() < FARTHEST,
-            // What an effect does through the inertia and friction found cannot be a fraction of it.
+            // What an effect does through the object as it is known cannot be a fraction of it.
             (Unit::One, _) => SHARE.contains(value),
             // Oil through an open valve and a gap resists no more than through the gap.
             (_, "beyond") => (-0.1 * theta[0]..theta[0]).contains(value),

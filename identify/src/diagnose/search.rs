@@ -1,7 +1,10 @@
 //! The loop.
 
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 
+use super::finish::fit_named;
 use super::gates::limit;
 use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
@@ -11,6 +14,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, fit_columns, fit_parametric, fit_with_mechanism,
 };
+use crate::effect::library::Object;
 use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
@@ -139,8 +143,8 @@ impl Diagnosis {
             effect.held_out_rms = [before, after];
             before = after;
         }
-        self.model = fit_found(&self.motion, &found)?;
-        self.floor = floor_of(&self.samples, &self.motion, &self.model, &found)?;
+        self.model = fit_named(&self.motion, &mut self.effects)?;
+        self.floor = floor_of(&self.samples, &self.motion, &self.model, &self.found())?;
         Ok(())
     }
 }
@@ -169,6 +173,7 @@ pub(super) struct AsWas {
     refused: Vec<Refused>,
     given_up: Vec<&'static str>,
     curve: Vec<Vec<f64>>,
+    object: Arc<Object>,
     active: [bool; 3],
     floor: NoiseFloor,
     level: f64,
@@ -233,6 +238,7 @@ impl State {
             refused: self.refused.clone(),
             given_up: self.given_up.clone(),
             curve: self.ground.curve.clone(),
+            object: Arc::clone(&self.ground.object),
             active: self.ground.active,
             floor: self.floor,
             level: self.level,
@@ -244,6 +250,7 @@ impl State {
         self.refused = as_was.refused;
         self.given_up = as_was.given_up;
         self.ground.curve = as_was.curve;
+        self.ground.object = as_was.object;
         self.ground.active = as_was.active;
         self.floor = as_was.floor;
         self.level = as_was.level;

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
 use super::score::{factor, gram};
-use crate::effect::library::{Kind, Scope, Search};
+use crate::effect::library::{Kind, Scope, Search, Shape};
 use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel;
 use crate::products::dot;
@@ -13,6 +13,8 @@ use crate::products::dot;
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last.
 const ENOUGH: f64 = 1e-4;
+/// What moves the object may leave so much more when it is as large as its term says: its shape was fitted to what it was.
+const GROWN_BELOW: f64 = 1.02;
 /// A shape that does next to nothing where it is, such as the end of a zone behind the range, is damped as one with this share of the curvature of the
 /// most curved one: it has no reason to go far.
 const FLAT: f64 = 1e-3;
@@ -174,6 +176,12 @@ struct Trial {
 }
 
 impl Trial {
+    fn with(ground: &Ground, beside: &Beside<'_>, effects: Vec<Found>) -> Option<Self> {
+        let columns = effects.iter().map(|found| ground.columns_with(found).ok());
+        let columns: Option<Vec<_>> = columns.collect();
+        Self::of(beside, effects, columns?)
+    }
+
     fn of(beside: &Beside<'_>, effects: Vec<Found>, columns: Vec<Columns>) -> Option<Self> {
         let all: Vec<&Vec<f64>> = beside
             .x
@@ -236,15 +244,8 @@ pub(super) fn polished(
     if free.is_empty() {
         return effects;
     }
-    let columns: Option<Vec<_>> = effects
-        .iter()
-        .map(|found| ground.columns_with(found).ok())
-        .collect();
-    let Some(columns) = columns else {
-        return effects;
-    };
     let beside = Beside::new(x, y);
-    let Some(mut best) = Trial::of(&beside, effects.clone(), columns) else {
+    let Some(mut best) = Trial::with(ground, &beside, effects.clone()) else {
         return effects;
     };
     let mut damping = 1e-2;
@@ -269,7 +270,25 @@ pub(super) fn polished(
             break;
         }
     }
-    best.effects
+    match grown(ground, &beside, &best) {
+        Some(grown) if grown.square < GROWN_BELOW * best.square => grown.effects,
+        _ => best.effects,
+    }
+}
+
+/// The trial with what moves the object as large as its term says, which is near 1 then; nothing where nothing does.
+fn grown(ground: &Ground, beside: &Beside<'_>, trial: &Trial) -> Option<Trial> {
+    let mut effects = trial.effects.clone();
+    let (mut at, mut any) = (beside.x.len(), false);
+    for found in &mut effects {
+        let by_share = |shape: &Shape| shape.2 == Search::ByShare;
+        if found.kind.shape.iter().any(by_share) {
+            found.grow(trial.theta[at]);
+            any = true;
+        }
+        at += found.terms().count();
+    }
+    any.then(|| Trial::with(ground, beside, effects)).flatten()
 }
 
 /// What a unit step of each free shape of a trial does to the effort.
@@ -369,9 +388,5 @@ fn stepped(
         let shape = &mut effects[parameter.effect].shape[parameter.shape];
         *shape = parameter.moved(*shape, step[linear + k]);
     }
-    let columns: Option<Vec<_>> = effects
-        .iter()
-        .map(|found| ground.columns_with(found).ok())
-        .collect();
-    Trial::of(beside, effects, columns?)
+    Trial::with(ground, beside, effects)
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::model::{Columns, Found};
+use super::model::{Columns, Found, RIGID};
 use super::search::Diagnosis;
 use super::shapes::{Free, free_of, moves};
 use crate::dynamics::{DynamicsError, EffortModel, covariance_of_columns};
@@ -39,7 +39,7 @@ pub(crate) fn state_spread(diagnosis: &mut Diagnosis) -> Result<(), DynamicsErro
     let theta: Vec<f64> = model.theta.iter().copied().collect();
     let regressed = diagnosis.effects.iter_mut();
     let regressed = regressed.filter(|effect| !effect.found.taken_out());
-    let mut at = 3;
+    let mut at = RIGID;
     for (k, effect) in regressed.enumerate() {
         let found = &effect.found;
         let own = &theta[at..at + found.terms().count()];

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::apart::CRUDE_APART;
 use super::confirm::shown;
-use super::gates::{GIVES, most_of};
-use super::model::{Found, RIGID, grid_points, is_load, object_of, signs_hold};
+use super::gates::{gives, most_of};
+use super::model::{Found, grid_points, is_load, object_of, signs_hold};
 use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
@@ -22,12 +22,12 @@ const LEAST_GAIN: f64 = 0.1;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
 /// What acts through the object is made anew so often.
-const REMADE: usize = 2;
+const REMADE: usize = 3;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
 impl State {
-    /// Shapes of all effects once more, together.
+    /// Shapes of all effects once more, together, and of what acts through the object with what they say of that.
     pub(super) fn refine_all(&mut self) -> Result<(), DynamicsError> {
         self.unless_worse(Self::relieve)?;
         self.polish()?;
@@ -42,57 +42,61 @@ impl State {
         if shapes(self) != before {
             self.unless_worse(Self::polish)?;
         }
-        self.unless_worse(Self::remake)
+        self.remake()
     }
 
-    /// Makes what acts through the object anew, with what the whole model says of that, and as large as all of it: then its share is near 1.
+    /// Makes what acts through the object anew, with what the whole model says of that.
     fn remake(&mut self) -> Result<(), DynamicsError> {
-        let acts = |found: &Found| GIVES.contains(&found.kind.name);
         // Beside a curve of no name the model does not say all.
-        if !self.effects.iter().any(|(found, _)| acts(found)) || !self.ground.curve.is_empty() {
+        if !self.effects.iter().any(|(found, _)| gives(found.kind)) || !self.ground.curve.is_empty()
+        {
             return Ok(());
         }
-        for left in (0..=REMADE).rev() {
-            let Some(model) = shown(self.fit())? else {
-                break;
-            };
-            let theta = model.theta.as_slice();
-            let object = Arc::new(object_of(&self.found(), theta));
-            let mut at = RIGID;
-            for (found, _) in &mut self.effects {
-                if acts(found) {
-                    found.object = Arc::clone(&object);
-                    if signs_hold(found.kind, &found.used, &theta[at..=at]) {
-                        found.grow(theta[at]);
+        self.unless_worse(|state| {
+            for _ in 0..REMADE {
+                let Some(model) = shown(state.fit())? else {
+                    break;
+                };
+                let object = Arc::new(object_of(&state.found(), model.theta.as_slice()));
+                for (found, _) in &mut state.effects {
+                    if gives(found.kind) {
+                        found.object = Arc::clone(&object);
                     }
                 }
-                at += found.terms().count();
+                state.polish()?;
             }
-            if left > 0 {
-                self.polish()?;
-            }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     /// Makes what the library offers to act through the object anew: through the one that those of the model have, or with what the model, which has
-    /// `theta`, says of it.
+    /// `theta`, says of it. Beside a curve of no name it does not say all.
     pub(super) fn offer_anew(&mut self, theta: &[f64]) -> Result<(), DynamicsError> {
-        let acts = |kind: &Kind| GIVES.contains(&kind.name);
-        if self.effects.is_empty() || !self.ground.curve.is_empty() {
+        if !self.ground.curve.is_empty() {
             return Ok(());
         }
-        let there = self.effects.iter().find(|(found, _)| acts(found.kind));
-        self.ground.object = match there {
+        let object = match self.effects.iter().find(|(found, _)| gives(found.kind)) {
             Some((found, _)) => Arc::clone(&found.object),
-            None => Arc::new(object_of(&self.found(), theta)),
+            None if self.effects.is_empty() && self.ground.object.effects.is_empty() => {
+                return Ok(());
+            }
+            None => {
+                let mut object = object_of(&self.found(), theta);
+                // No part is without inertia: a bound is no estimate.
+                if object.rigid[0] == 0.0 {
+                    object.rigid[0] = self.ground.object.rigid[0];
+                }
+                Arc::new(object)
+            }
         };
-        let offered = |kind: &Kind| {
-            let mut bank = self.bank.iter();
-            acts(kind) && bank.any(|c| c.kind.is(kind))
-        };
+        if Arc::ptr_eq(&object, &self.ground.object) {
+            return Ok(());
+        }
+        self.ground.object = object;
+        let offered = |kind: &Kind| gives(kind) && self.bank.iter().any(|c| c.kind.is(kind));
         let anew = grid_points(&self.ground, offered)?;
-        self.bank.retain(|candidate| !acts(candidate.kind));
+        self.bank
+            .retain(|old| !anew.iter().any(|new| new.kind.is(old.kind)));
         self.bank.extend(anew);
         Ok(())
     }
@@ -183,7 +187,8 @@ impl State {
 
     /// Puts play in the place of a grasp that gives when that errs less by more than their forms are crude, and takes it away when it does not: a
     /// grasp that gives has one number less.
-    /// Once it is play, pads that give from where those of the play do are tried, too: they may err as little, and less than before.
+    /// Once it is play, pads that give from where those of the play do are tried, too: they may err as little, and less than before. What took the place
+    /// acts through the object as it is then.
     fn play(&mut self) -> Result<(), DynamicsError> {
         let plays = |state: &Self| {
             let mut found = state.effects.iter();
@@ -195,7 +200,7 @@ impl State {
         if plays(self) {
             self.play_or_pads()?;
         }
-        self.unless_worse(Self::remake)
+        self.remake()
     }
 
     /// Whether the one took the place of the other.

@@ -145,7 +145,8 @@ pub struct Kind {
     pub grid: fn(&Scope<'_>) -> Vec<Vec<f64>>,
     /// Regressors at the work rate, before the filter.
     pub series: fn(&Scope<'_>, &[f64]) -> Vec<Vec<f64>>,
-    /// Regressors at a state (shape, q, dq), for twins; nothing for effects with memory and of the measurement.
+    /// Regressors at a state (shape, q, dq), for twins and for an object elsewhere than the tool; nothing for effects with memory and of the
+    /// measurement.
     pub at: Option<AtState>,
     /// What would tell it from those that look alike.
     pub separate: &'static str,

@@ -196,6 +196,7 @@ fn terms_of(
     let relative = out
         .first()
         .and_then(|share| Some(share.std? / share.value?));
+    let relative = relative.filter(|relative| relative.is_finite() && *relative > 0.0);
     let all_used = found.used.iter().all(|used| *used);
     let shapes = found.kind.shape.iter().zip(&found.shape);
     for (k, (shape, value)) in (out.len()..).zip(shapes) {
