@@ -29,6 +29,8 @@ pub struct Desk {
     pub writing: Option<String>,
     /// What the last command was answered.
     pub answer: String,
+    /// Whether the next press of the same key stops the recording.
+    pub stopping: bool,
 }
 
 /// Draws everything.
@@ -305,7 +307,7 @@ fn foot_lines(desk: &Desk) -> Paragraph<'static> {
             "mark: {}_   (Enter sends it, Esc does not)",
             printable(text)
         ),
-        None => "q quit   t tare   m mark   s start   x stop".to_owned(),
+        None => "q quit   t tare   m mark   s start   x x stop".to_owned(),
     };
     Paragraph::new(vec![
         Line::from(printable(&desk.answer)),
@@ -390,7 +392,7 @@ mod tests {
             "0.125 N m",
             "ft_sensor        streaming  999.6     3        0        0        42",
             "no pose   no width",
-            "q quit   t tare   m mark   s start   x stop",
+            "q quit   t tare   m mark   s start   x x stop",
         ] {
             assert!(screen.contains(wanted), "no {wanted:?} in\n{screen}");
         }
@@ -415,6 +417,7 @@ mod tests {
         let desk = Desk {
             writing: Some("hin".to_owned()),
             answer: "marked \u{1b}]0;x".to_owned(),
+            stopping: false,
         };
         let screen = screen(80, 30, &desk);
         assert!(!screen.contains('\u{1b}'), "{screen}");

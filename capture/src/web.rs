@@ -69,7 +69,7 @@ impl Operator for Commands {
 pub enum WebError {
     /// The port cannot be opened.
     #[error(
-        "the page cannot be served on {address}: {source}; give another address, such as 127.0.0.1:8081"
+        "nothing can be served on {address}: {source}; give another address, such as 127.0.0.1:8081"
     )]
     Address {
         /// Where.

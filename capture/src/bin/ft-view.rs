@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use ft_capture::live::Hub;
+use ft_capture::live::picture::Picture;
 use ft_capture::network::{self, DEFAULT_ENDPOINT};
 use ft_capture::remote::recorder::Recorder;
 use ft_capture::remote::{Remote, Which};
@@ -32,7 +33,7 @@ const EXAMPLES: &str = "Examples:
   ft-view --connect tcp/192.168.0.7:7447 --record door.mcap    a recording on this machine, until Ctrl-C
   ft-view --duration 10s --plain               ten seconds, one screen at the end, for scripts
 
-Keys: q quit, t tare, m mark, s start a recording, x stop it.
+Keys: q quit, t tare, m mark, s start a recording, x twice stop it.
 Exit codes: 0 fine, 1 failed or nothing came, 2 wrong arguments, 3 finished but data was lost.";
 
 /// Shows live wrench, pose, rates and losses of a running ft-capture, and sends it commands.
@@ -88,8 +89,13 @@ fn main() -> ExitCode {
     match watch(&arguments) {
         Ok(Outcome::Nothing) => {
             eprintln!(
-                "ft-view: nothing was published at {} in domain {}",
-                arguments.connect, arguments.domain
+                "ft-view: no wrench was published at {} in domain {}{}",
+                arguments.connect,
+                arguments.domain,
+                match arguments.namespace.as_str() {
+                    "" => String::new(),
+                    namespace => format!(" and namespace {namespace}"),
+                }
             );
             ExitCode::FAILURE
         }
@@ -155,6 +161,9 @@ fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
             Ok::<_, Failure>(server)
         })
         .transpose()?;
+    if let Some(path) = &arguments.record {
+        eprintln!("recording {}: Ctrl-C finishes it", path.display());
+    }
     let serves = recorder.is_some() || arguments.web.is_some() || arguments.foxglove.is_some();
     let watching = Watching {
         clock,
@@ -192,9 +201,36 @@ fn watch(arguments: &Arguments) -> Result<Outcome, Failure> {
         });
     }
     match hub.look(|picture| picture.received(topic::WRENCH)) {
-        0 => Ok(Outcome::Nothing),
+        0 => {
+            if let Some(others) = hub.look(others) {
+                eprintln!("{others}");
+            }
+            Ok(Outcome::Nothing)
+        }
         _ => Ok(Outcome::Fine),
     }
+}
+
+/// What is said before a recording is stopped: the capture may end with it.
+fn asks_to_stop(picture: &Picture) -> &'static str {
+    let status = picture.status.as_ref();
+    let ends = status.and_then(|(status, _)| status["stop_ends_session"].as_bool());
+    if ends == Some(true) {
+        "x again finishes the recording and ends the capture"
+    } else {
+        "x again finishes the recording"
+    }
+}
+
+/// The topics that are published beside those of the gripper that was asked for, where there are some.
+fn others(picture: &Picture) -> Option<String> {
+    let names: Vec<&str> = picture.topics.keys().map(AsRef::as_ref).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "There are {}: `/blue/ft/wrench` is of the gripper that --namespace blue shows",
+            names.join(", ")
+        )
+    })
 }
 
 /// What runs until it is ended.
@@ -277,12 +313,17 @@ impl Watching<'_> {
             }
             return false;
         }
+        let asked = std::mem::take(&mut desk.stopping);
         match key {
             KeyCode::Char('q') => return true,
             KeyCode::Char('m') => desk.writing = Some(String::new()),
             KeyCode::Char('t') => desk.answer = self.command(Command::Tare),
             KeyCode::Char('s') => desk.answer = self.command(Command::Start(None)),
-            KeyCode::Char('x') => desk.answer = self.command(Command::Stop),
+            KeyCode::Char('x') if asked => desk.answer = self.command(Command::Stop),
+            KeyCode::Char('x') => {
+                desk.stopping = true;
+                desk.answer = self.hub.look(|picture| asks_to_stop(picture).to_owned());
+            }
             _ => {}
         }
         false

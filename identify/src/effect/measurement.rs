@@ -105,7 +105,7 @@ pub const TOOL_MASS: Kind = Kind {
 pub const GRASP_COMPLIANCE: Kind = Kind {
     name: "grasp_compliance",
     belongs: Belongs::Recording,
-    equation: "the object is at q - x, x + retardation dx/dt = compliance tau; the compliance is share compliance",
+    equation: "the object is at q - x, x + retardation dx/dt = share compliance tau",
     terms: &[("share", Unit::One, NonNegative)],
     shape: &[
         ("compliance", Unit::Compliance, Search::ByShare),
