@@ -314,8 +314,8 @@ fn a_model_that_lacks_nothing_is_left_as_it_is() {
     assert!(named.len() <= 1, "{named:?}");
 }
 
-/// A grasp that gives moves the spring and the damper behind it as well as the mass: with these left where the tool is, two floors stayed and it was
-/// a third too soft.
+/// A grasp that gives moves the spring and the damper behind it as well as the mass: with these left where the tool is, two floors stayed, and a second
+/// damper and a lag that are not there had names.
 #[test]
 fn a_grasp_is_as_soft_as_it_was_made_before_a_spring_and_a_damper() {
     const GIVES: f64 = 1.0 / 8000.0;
