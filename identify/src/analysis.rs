@@ -7,7 +7,8 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, beside_rigid,
-    confirm, diagnose_without, evidence, floor_of, shown, state_spread, take_from_both,
+    confirm, diagnose_rid_of_slips, evidence, floor_of, others_rid_of_slips, shown, state_spread,
+    take_from_both,
 };
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
@@ -111,7 +112,7 @@ impl Analysis {
 /// Up to so many times the floor no rivals are tried and no name is doubted. The verdict asks for a little less.
 pub const EXPLAINED_BELOW: f64 = 1.15;
 /// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
-const SURELY_BELOW: f64 = 1.12;
+pub(crate) const SURELY_BELOW: f64 = 1.12;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
 ///
@@ -202,11 +203,12 @@ fn confirmed_diagnosis(
     others: &[(String, JointSamples)],
 ) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
     let mut barred: Vec<&'static str> = Vec::new();
-    let (samples, mut earlier) = confirmed_change(samples, others);
+    let (mut samples, mut earlier) = confirmed_change(samples, others);
     let mut best: Option<(Diagnosis, Vec<Confirmation>)> = None;
     let mut least = f64::INFINITY;
     loop {
-        let mut diagnosis = diagnose_without(&samples, settings, &barred)?;
+        let mut diagnosis = diagnose_rid_of_slips(&mut samples, settings, &barred)?;
+        let others = &others_rid_of_slips(&diagnosis, others, settings)?;
         let known = diagnosis.refused.len();
         let confirmed = confirm(&mut diagnosis, others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();

@@ -29,11 +29,11 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use nalgebra::DMatrix;
 
-use crate::effect::slip::{self, jumps};
+use crate::effect::slip;
 use crate::filter::{FilterError, LowPass, first_derivative, second_derivative};
 use crate::noise;
 use crate::parallel::in_parallel;
-use crate::samples::{JointSamples, quantile};
+use crate::samples::{JointSamples, Slid, quantile};
 use crate::screw::JointKind;
 
 /// How the motion is prepared.
@@ -178,6 +178,8 @@ pub struct Slip {
     pub at: f64,
     /// How far across the path, in the unit of the coordinate.
     pub across: f64,
+    /// How far along it, as far as it is known.
+    pub along: f64,
 }
 
 const MIN_RUN_S: f64 = 1.0;
@@ -203,7 +205,7 @@ impl Motion {
     pub fn prepare(samples: &JointSamples, settings: &MotionSettings) -> Result<Self, MotionError> {
         let (mut motion, beside, cutoff) = Self::smoothed_states(samples, settings)?;
         let total = gate::apply(&mut motion, cutoff);
-        if motion.find_slips(beside)? {
+        if motion.find_slips(beside, &samples.aside.slid)? {
             // How slow is stuck depends on the noise.
             (motion.kept, motion.gated) = Default::default();
             gate::apply(&mut motion, cutoff);
@@ -327,15 +329,15 @@ impl Motion {
     }
 
     /// Frees the position's noise of the path and of what the tool slid by; whether it slid.
-    fn find_slips(&mut self, beside: Vec<Vec<f64>>) -> Result<bool, MotionError> {
+    fn find_slips(&mut self, beside: Vec<Vec<f64>>, slid: &[Slid]) -> Result<bool, MotionError> {
         let measured = self.noise_of_q.clone();
         self.free_noise_of_path(measured.clone())?;
         let beside = beside.into_iter().map(|one| noise::less_path(self, one));
         let beside = beside.collect::<Result<Vec<_>, _>>()?;
         self.slips = if beside.is_empty() {
-            jumps(self, &self.noise_of_q)
+            slip::all(self, &self.noise_of_q, slid)
         } else {
-            jumps(self, &beside)
+            slip::all(self, &beside, slid)
         };
         if self.slips.is_empty() {
             return Ok(false);

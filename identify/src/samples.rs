@@ -2,6 +2,7 @@
 
 use core::ops::Range;
 
+use crate::effect::slip;
 use crate::screw::JointKind;
 
 /// Joint coordinate and effort, sampled uniformly, possibly with gaps between runs.
@@ -63,6 +64,17 @@ pub struct Aside {
     pub late: Option<(f64, f64)>,
     /// Whether fits are to use the instants, too, at which the pose across the path shows that the tool slid on the handle.
     pub slips_left_in: bool,
+    /// What the effort showed of how the tool slid along the path; the coordinate is rid of it.
+    pub slid: Vec<Slid>,
+}
+
+/// The tool slid on the handle, along the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slid {
+    /// s from the start of the recording.
+    pub at: f64,
+    /// How far, in the unit of the coordinate.
+    pub along: f64,
 }
 
 /// An upright hinge that leans: weight acts on it.
@@ -177,8 +189,36 @@ impl JointSamples {
     #[must_use]
     pub fn with_slips_left_in(&self) -> Self {
         let mut out = self.clone();
+        for slid in core::mem::take(&mut out.aside.slid) {
+            out.shift(slid.at, slid.along);
+        }
         out.aside.slips_left_in = true;
         out
+    }
+
+    /// The same where the tool slid by `slid`, on top of what the coordinate is rid of.
+    #[must_use]
+    pub fn rid_of(&self, slid: &[Slid]) -> Self {
+        let mut out = self.clone();
+        for slid in slid {
+            out.shift(slid.at, -slid.along);
+            let known = &mut out.aside.slid;
+            match known
+                .iter_mut()
+                .find(|known| slip::is_one(known.at, slid.at))
+            {
+                Some(known) => known.along += slid.along,
+                None => known.push(*slid),
+            }
+        }
+        out.aside.slid.sort_unstable_by(|a, b| a.at.total_cmp(&b.at));
+        out
+    }
+
+    fn shift(&mut self, at: f64, way: f64) {
+        for (q, t) in self.q.iter_mut().zip(&self.time) {
+            *q += way * slip::gone(t - at);
+        }
     }
 }
 

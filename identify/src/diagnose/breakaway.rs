@@ -233,11 +233,13 @@ pub(crate) fn add_stiction(
             held_out_rms,
         });
     };
-    if diagnosis.model.held_out_rms > MOST_LEFT * floor {
+    let left = left_between_turns(&diagnosis.motion, &found)?;
+    let left = left.min(diagnosis.model.held_out_rms);
+    if left > MOST_LEFT * floor {
         refuse(format!(
             "it takes {:.3} more to leave rest than to slide, but {:.1} noise floors are left while it slides: something else is missing",
             here.excess,
-            diagnosis.model.held_out_rms / floor
+            left / floor
         ));
         return Ok(());
     }
@@ -292,6 +294,14 @@ pub(crate) fn add_stiction(
 
 /// While more noise floors than this are left, what holds the joint at rest has no sure name.
 const MOST_LEFT: f64 = 1.3;
+
+/// Error on held-out strokes away from where the joint turns: there what holds it at rest is felt, too.
+fn left_between_turns(motion: &Motion, found: &[Found]) -> Result<f64, DynamicsError> {
+    let mut between = motion.clone();
+    between.leave_out_turns();
+    let model = shown(fit_found(&between, found))?;
+    Ok(model.map_or(f64::INFINITY, |model| model.held_out_rms))
+}
 
 /// Errors on held-out strokes of a model that takes rest for sliding, and of one that lets friction take up what the hand gives.
 fn errors(motion: &Motion, found: &[Found]) -> Result<[f64; 2], DynamicsError> {

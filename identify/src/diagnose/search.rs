@@ -384,8 +384,8 @@ impl State {
     }
 
     /// Puts a smooth load beside the model when a load of the library is there or what is left is all one, no further one helps, and it explains
-    /// more than the best effect does. The search goes on beside it, and what it takes up has no name. A magnet or a notch comes first when the
-    /// shapes of the loads beside it, found without it, then do as well.
+    /// more than the best effect does. The search goes on beside it, and what it takes up has no name. Loads of the library come first, up to two at
+    /// once, when they do as well: a curve takes a constant load and a magnet for one, and the shapes of the loads beside it were found without it.
     fn curved(
         &mut self,
         x: &[Vec<f64>],
@@ -417,11 +417,15 @@ impl State {
         if score <= best.max(limit(&seen.chance)) {
             return Ok(false);
         }
-        let as_was = self.effects.clone();
+        let as_was = self.as_is();
+        let as_well = AS_WELL * with.mse.sqrt();
         if let Some((choice, p_value)) = choice.filter(|(choice, _)| is_load(choice.kind)) {
             self.add_best(choice, *p_value, seen)?;
-            if self.error()? > AS_WELL * with.mse.sqrt() {
-                self.effects = as_was;
+            if self.error()? > as_well {
+                self.add_another_load()?;
+            }
+            if self.error()? > as_well {
+                self.put_back(as_was);
             }
         }
         if self.effects.len() == before {
@@ -430,6 +434,18 @@ impl State {
         }
         self.tidy()?;
         Ok(true)
+    }
+
+    /// Adds what comes next where that is a load of the library.
+    fn add_another_load(&mut self) -> Result<(), DynamicsError> {
+        let seen = self.survey()?.map(|(_, seen)| seen);
+        let next = seen.as_ref().and_then(|seen| self.next(seen));
+        if let (Some(seen), Some((next, p_value))) = (&seen, next)
+            && is_load(next.kind)
+        {
+            self.add_best(&next, p_value, seen)?;
+        }
+        Ok(())
     }
 
     /// Shifts the effort by the lag, again until it stays.

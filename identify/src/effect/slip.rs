@@ -2,7 +2,7 @@
 
 use super::library::{Belongs, Kind, Search, Unit, Variable};
 use crate::motion::{Motion, Slip};
-use crate::samples::{extrema, quantile};
+use crate::samples::{Slid, extrema, quantile};
 
 /// At most so many instants are reported.
 const MOST: usize = 5;
@@ -14,8 +14,10 @@ const LEAST: f64 = 6.5;
 const LEAST_WAY: f64 = 0.002;
 /// Two jumps are so far apart, s: gap and side reach as far as that where a slip lasts as long as slips do.
 const BETWEEN_S: f64 = 0.22;
+/// A slip takes about twice that, s.
+const GOES_S: f64 = 0.05;
 /// How long before and after an instant the tool is taken to slide, s.
-const SLIDES_S: f64 = 0.15;
+pub(crate) const SLIDES_S: f64 = 0.15;
 /// Jumps of which more than half lie so near a turn, s, and that come back to within this share of the way that they went together
 /// are how the grasp gives, and no slips; so many it takes to tell.
 const TURNS_S: f64 = 0.25;
@@ -25,15 +27,17 @@ const SOME: usize = 4;
 const NONE: f64 = -1.0;
 
 /// The tool's motion is not the object's while the pads slide: those samples are left out of every fit. The instants come from the
-/// pose across the path, where nothing else jumps; how far the tool slid along the path is not seen.
+/// pose across the path, where nothing else jumps, and from pulses of the effort; how far the tool slid along the path is told by how much springs and
+/// catches seem to have moved, and not at all without them.
 pub const SLIP: Kind = Kind {
     name: "slip",
     belongs: Belongs::Recording,
-    equation: "the tool slid on the handle at the times at_1 ..., by across, across the path",
+    equation: "the tool slid on the handle at the times at_1 ..., by across, across the path, and by along, along it",
     terms: &[],
     shape: &[
         ("count", Unit::One, Search::Fixed),
         ("across", Unit::Position, Search::Fixed),
+        ("along", Unit::Position, Search::Fixed),
         ("at_1", Unit::Time, Search::Fixed),
         ("at_2", Unit::Time, Search::Fixed),
         ("at_3", Unit::Time, Search::Fixed),
@@ -47,12 +51,20 @@ pub const SLIP: Kind = Kind {
     separate: "a mark on the handle beside the pads, or a firmer grasp; a tracker that found its place anew looks the same",
 };
 
-/// How many, how far across the path the farthest went, and when the first ones were.
+/// How many, how far across the path and along it the farthest went, and when the first ones were.
 pub(crate) fn shape(slips: &[Slip]) -> Vec<f64> {
     let farthest = slips.iter().map(|slip| slip.across).fold(0.0, f64::max);
-    let mut out = vec![slips.len() as f64, farthest];
+    let along = |far: f64, slip: &Slip| {
+        if slip.along.abs() > far.abs() {
+            slip.along
+        } else {
+            far
+        }
+    };
+    let along = slips.iter().fold(0.0, along);
+    let mut out = vec![slips.len() as f64, farthest, along];
     out.extend(slips.iter().map(|slip| slip.at).take(MOST));
-    out.resize(2 + MOST, NONE);
+    out.resize(3 + MOST, NONE);
     out
 }
 
@@ -61,8 +73,43 @@ pub(crate) fn slides(slips: &[Slip], t: f64) -> bool {
     slips.iter().any(|slip| (t - slip.at).abs() < SLIDES_S)
 }
 
+/// Share of a slip's way that is gone `t` after its instant, s.
+pub(crate) fn gone(t: f64) -> f64 {
+    (0.5 + t / (2.0 * GOES_S)).clamp(0.0, 1.0)
+}
+
+/// Whether two instants are of one slip.
+pub(crate) fn is_one(at: f64, other: f64) -> bool {
+    (at - other).abs() < BETWEEN_S
+}
+
+/// Whether the joint turns near sample `i` of the motion.
+pub(crate) fn turns_near(motion: &Motion, i: usize) -> bool {
+    let near = (TURNS_S / motion.period) as usize;
+    let around = i.saturating_sub(near)..(i + near).min(motion.turning.len());
+    let turning = &motion.turning[around];
+    turning.windows(2).any(|pair| pair[0] * pair[1] <= 0.0)
+}
+
+/// The jumps of the pose across the path, and the instants at which the effort shows that it slid along it, in the order of their time.
+pub(crate) fn all(motion: &Motion, beside: &[Vec<f64>], slid: &[Slid]) -> Vec<Slip> {
+    let mut out = jumps(motion, beside);
+    for slid in slid {
+        match out.iter_mut().find(|slip| is_one(slip.at, slid.at)) {
+            Some(slip) => slip.along = slid.along,
+            None => out.push(Slip {
+                at: slid.at,
+                across: 0.0,
+                along: slid.along,
+            }),
+        }
+    }
+    out.sort_unstable_by(|a, b| a.at.total_cmp(&b.at));
+    out
+}
+
 /// The jumps of the pose across the path, `beside` it, in the order of their time.
-pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
+fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
     let count = motion.time.len();
     let (low, high) = extrema(&motion.q);
     let mut ways = vec![0.0; count];
@@ -91,12 +138,7 @@ pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
             taken.push(i);
         }
     }
-    let near = (TURNS_S / motion.period) as usize;
-    let turns = |i: &&usize| {
-        let around = i.saturating_sub(near)..(**i + near).min(count);
-        let turning = &motion.turning[around];
-        turning.windows(2).any(|pair| pair[0] * pair[1] <= 0.0)
-    };
+    let turns = |i: &&usize| turns_near(motion, **i);
     let went: f64 = taken.iter().map(|i| ways[*i]).sum();
     let sum = |steps: &Vec<f64>| taken.iter().map(|i| steps[*i]).sum::<f64>();
     let came = steps.iter().map(sum).fold(0.0, f64::hypot);
@@ -113,6 +155,7 @@ pub(crate) fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
         Slip {
             at: near.map(|k| sizes[k] / total * motion.time[k]).sum(),
             across: ways[i],
+            along: 0.0,
         }
     };
     taken.into_iter().map(slip).collect()

@@ -16,7 +16,9 @@ pub fn simulated_floor(found: &Identified, quiet: &JointSamples) -> Option<f64> 
     let analysis = found.analysis.as_ref()?;
     let diagnosis = analysis.diagnosis.as_ref()?;
     let lag = analysis.lag.filter(|lag| lag.applied);
-    let quiet = quiet.with_effort_earlier(lag.map_or(0.0, |lag| lag.value_s));
+    let quiet = quiet
+        .with_effort_earlier(lag.map_or(0.0, |lag| lag.value_s))
+        .rid_of(&diagnosis.samples.aside.slid);
     let noisy = &diagnosis.motion;
     let mut motion = Motion::prepare(&quiet, &analysis.settings).ok()?;
     let both = motion.q.len().min(noisy.q.len());
