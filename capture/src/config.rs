@@ -368,10 +368,6 @@ pub struct Network {
     pub cache_samples: usize,
     /// Which ROS 2 distributions are to see the topics.
     pub profile: Profile,
-    /// Processor on which devices are read and samples are published, by turns: to hand a sample over then wakes no other processor, so that it
-    /// is published sooner. For machines where nothing else keeps that one busy; none = wherever the system likes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub processor: Option<usize>,
 }
 
 impl Default for Network {
@@ -388,7 +384,6 @@ impl Default for Network {
             namespace: String::new(),
             cache_samples: 65_536,
             profile: Profile::default(),
-            processor: None,
         }
     }
 }

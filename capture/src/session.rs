@@ -106,14 +106,6 @@ pub enum SessionError {
     /// The configuration has something that cannot be written into the recording.
     #[error("the configuration cannot be written into the recording")]
     Unwritable(#[source] toml::ser::Error),
-    /// The processor that the threads are to stay on is not there.
-    #[error("network.processor = {asked}: this program may run on processors {}", listed(.allowed))]
-    NoSuchProcessor {
-        /// The one in the configuration.
-        asked: usize,
-        /// Those that there are.
-        allowed: Vec<usize>,
-    },
     /// None of the devices is there.
     #[error("no device can be opened: {reasons}")]
     NoDevice {
@@ -150,11 +142,6 @@ pub enum SessionError {
         "the {0} thread panicked: please report this; what was flushed is in the .partial file"
     )]
     Panicked(&'static str),
-}
-
-fn listed(processors: &[usize]) -> String {
-    let each: Vec<String> = processors.iter().map(ToString::to_string).collect();
-    each.join(", ")
 }
 
 impl From<ft_recording::writer::WriteError> for SessionError {

@@ -1,6 +1,9 @@
 //! The priority of threads that a busy machine must not keep waiting.
 
+mod shared;
+
 use rustix::thread::CpuSet;
+pub use shared::SharedProcessor;
 
 /// What a thread does whose lateness costs somebody something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,20 +32,8 @@ pub fn prefer_this_thread(duty: Duty) -> bool {
     rustix::process::setpriority_process(Some(rustix::thread::gettid()), duty.nice()).is_ok()
 }
 
-/// Keeps the calling thread on one processor; whether it was granted. Threads that hand samples to each other wait less for it there: no other
-/// processor has to wake (30 to 50 us where it idles). They also wait for whatever else is kept there.
-pub fn keep_this_thread_on(processor: usize) -> bool {
-    if processor >= CpuSet::MAX_CPU {
-        return false;
-    }
-    let mut set = CpuSet::new();
-    set.set(processor);
-    rustix::thread::sched_setaffinity(None, &set).is_ok()
-}
-
 /// The processors that the calling thread may run on.
-#[must_use]
-pub fn processors() -> Vec<usize> {
+fn processors() -> Vec<usize> {
     let allowed = rustix::thread::sched_getaffinity(None);
     let set = allowed.unwrap_or_else(|_| CpuSet::new());
     (0..CpuSet::MAX_CPU).filter(|&i| set.is_set(i)).collect()
@@ -66,19 +57,5 @@ mod tests {
             let other = rustix::process::getpriority_process(this).unwrap();
             assert_ne!(other, duty.nice());
         }
-    }
-
-    #[test]
-    fn a_thread_is_kept_on_a_processor_that_there_is() {
-        let all = processors();
-        let last = *all.last().unwrap();
-        let (granted, kept, none) = std::thread::spawn(move || {
-            let granted = keep_this_thread_on(last);
-            (granted, processors(), keep_this_thread_on(usize::MAX))
-        })
-        .join()
-        .unwrap();
-        assert_eq!((granted, kept, none), (true, vec![last], false));
-        assert_eq!(processors(), all);
     }
 }

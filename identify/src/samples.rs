@@ -211,7 +211,9 @@ impl JointSamples {
                 None => known.push(*slid),
             }
         }
-        out.aside.slid.sort_unstable_by(|a, b| a.at.total_cmp(&b.at));
+        out.aside
+            .slid
+            .sort_unstable_by(|a, b| a.at.total_cmp(&b.at));
         out
     }
 

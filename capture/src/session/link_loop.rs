@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ft_drivers::device::Counted;
 use ft_drivers::link::record::RawFrame;
-use ft_drivers::priority::{Duty, keep_this_thread_on, prefer_this_thread};
+use ft_drivers::priority::{Duty, SharedProcessor, prefer_this_thread};
 use ft_drivers::pump::{Outlet, Pump};
 use ft_drivers::reading::{Counts, DeviceEvent, Reading};
 use ft_drivers::{Clock, Device, Link, LinkError, MonotonicClock};
@@ -30,8 +30,8 @@ pub struct LinkThread<I> {
     pub counters: Arc<StreamCounters>,
     /// Set to end the thread.
     pub stop: Arc<AtomicBool>,
-    /// The processor to stay on.
-    pub processor: Option<usize>,
+    /// Shared with the thread that publishes what this one reads; nothing where none does.
+    pub processor: Option<SharedProcessor>,
 }
 
 impl<I: Intake> LinkThread<I> {
@@ -47,7 +47,9 @@ impl<I: Intake> LinkThread<I> {
     {
         // Not granted without CAP_SYS_NICE: then a busy machine may cost samples, and the ledger says so.
         let _ = prefer_this_thread(Duty::Acquisition);
-        let _ = self.processor.map(keep_this_thread_on);
+        if let Some(processor) = &self.processor {
+            processor.join();
+        }
         let mut before = Counts::default();
         let mut back_off = BACK_OFF.0;
         let opened = match first {

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
-use ft_drivers::priority::processors;
+use ft_drivers::priority::SharedProcessor;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
 use serde_json::{Value, json};
@@ -54,12 +54,6 @@ pub fn run(
     connections: Vec<Connection>,
     surroundings: &mut impl Surroundings,
 ) -> Result<Summary, SessionError> {
-    if let Some(asked) = plan.config.network.processor {
-        let allowed = processors();
-        if !allowed.contains(&asked) {
-            return Err(SessionError::NoSuchProcessor { asked, allowed });
-        }
-    }
     let start = clock.now();
     let (mut queues, ends) = queues(plan.publish);
     let counters: Vec<_> = plan
@@ -83,7 +77,8 @@ pub fn run(
     // What devices say at their set-up waits in the queue until the file is there.
     queues.set_recording(plan.record.is_some());
     let connections = through_network(plan, connections, publisher.session())?;
-    let links = open_links(plan, clock, connections, &queues, &counters, &stop)?;
+    let shared = publisher.processor();
+    let links = open_links(plan, clock, connections, &queues, &counters, &stop, shared)?;
     let mut operator = Operator {
         plan,
         clock,
@@ -142,6 +137,7 @@ fn open_links(
     queues: &Queues,
     counters: &[Arc<StreamCounters>],
     stop: &Arc<AtomicBool>,
+    processor: Option<&SharedProcessor>,
 ) -> Result<Vec<JoinHandle<()>>, SessionError> {
     let (mut threads, mut closed) = (Vec::new(), Vec::new());
     let stopped = |threads: Vec<JoinHandle<()>>, error| {
@@ -166,7 +162,7 @@ fn open_links(
                 .sampling_evenly(device.driver.samples_evenly()),
             counters: Arc::clone(counters),
             stop: Arc::clone(stop),
-            processor: plan.config.network.processor,
+            processor: processor.cloned(),
         };
         match open::spawn(device, connection, clock, thread) {
             Ok(started) => {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
-use ft_drivers::priority::{Duty, keep_this_thread_on, prefer_this_thread};
+use ft_drivers::priority::{Duty, SharedProcessor, prefer_this_thread};
 use ft_drivers::{Clock, MonotonicClock};
 use ft_wire::HostTime;
 
@@ -13,6 +13,9 @@ use crate::item::Item;
 use crate::live::{Hub, Sample};
 use crate::sink::SinkError;
 use crate::sink::zenoh::ZenohSink;
+
+/// Time between two looks whether the processor has time.
+const LOOKS: Duration = Duration::from_secs(1);
 
 /// Where items go.
 #[derive(Debug)]
@@ -34,21 +37,26 @@ impl Outlets {
     }
 
     /// Publishes what comes, `/diagnostics` once a second at least, until nobody sends any more; the calling thread is preferred to
-    /// ordinary ones, and kept on a `processor`. The messages that were refused, and the outlets: what they keep may still be asked for.
+    /// ordinary ones, and on the `processor` of those that read. The messages that were refused, and the outlets: what they keep may still be asked for.
     #[must_use]
     pub fn publish_until_closed(
         mut self,
         items: &Receiver<Item>,
         clock: MonotonicClock,
-        processor: Option<usize>,
+        processor: &SharedProcessor,
     ) -> (u64, Self) {
         let _ = prefer_this_thread(Duty::Publishing);
-        let _ = processor.map(keep_this_thread_on);
-        let mut refused = 0;
+        processor.join();
+        let (mut refused, mut looked) = (0, clock.now());
         // No time-out: to set a timer for each message takes longer than to encode it.
         for item in items {
             refused += u64::from(self.take(&item).is_err());
-            refused += u64::from(self.tick(clock.now()).is_err());
+            let now = clock.now();
+            refused += u64::from(self.tick(now).is_err());
+            if now >= looked + LOOKS {
+                processor.look();
+                looked = now;
+            }
         }
         (refused, self)
     }

@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
+use ft_drivers::priority::SharedProcessor;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_recording::message::{Message, TFMessage};
 use ft_wire::HostTime;
@@ -40,6 +41,7 @@ pub(super) struct Publisher {
     zenoh: Option<(zenoh::Session, Vec<Queryable<()>>)>,
     /// Gives the number of messages that Zenoh refused, and the publishers with what they keep.
     thread: Option<JoinHandle<(u64, Outlets)>>,
+    processor: SharedProcessor,
 }
 
 impl Publisher {
@@ -57,6 +59,7 @@ impl Publisher {
             servers: Vec::new(),
             zenoh: None,
             thread: None,
+            processor: SharedProcessor::default(),
         };
         let Some(items) = items else {
             return Ok(publisher);
@@ -77,11 +80,16 @@ impl Publisher {
             return Ok(publisher);
         }
         let outlets = Outlets::new(sink, publisher.hub.clone());
-        let processor = plan.config.network.processor;
+        let processor = publisher.processor.clone();
         publisher.thread = Some(spawn("ft-publisher", move || {
-            outlets.publish_until_closed(&items, clock, processor)
+            outlets.publish_until_closed(&items, clock, &processor)
         })?);
         Ok(publisher)
+    }
+
+    /// Shared by the thread that publishes, where there is one.
+    pub(super) fn processor(&self) -> Option<&SharedProcessor> {
+        self.thread.as_ref().map(|_| &self.processor)
     }
 
     /// The network, when there is one.

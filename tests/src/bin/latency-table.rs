@@ -9,9 +9,8 @@
 //! pseudo-terminal of their own, read with the priority of an acquisition thread. One thread plays the device, in windows of
 //! 400 ms that alternate (ours bare bare ours ...), so that what the machine does besides meets both alike. A sample's number is
 //! its force, and its age counts from just before its frame is written, so the terminal's way (the kernel hands it to a worker) is
-//! in both. A window's p50 and p99 stand for it, the median over the windows for the rate. Each rate twice: with the threads wherever the
-//! system likes, and with both of ours on one processor (`network.processor`), the last. Default: 40 windows of each at 1, 4 and 8 kHz, about
-//! four minutes.
+//! in both. A window's p50 and p99 stand for it, the median over the windows for the rate. Default: 40 windows of each at 1, 4 and 8 kHz, about
+//! two minutes.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -35,7 +34,7 @@ use ft_capture::{network, rmw};
 use ft_drivers::bota_serial::{BotaSerial, Config};
 use ft_drivers::link::serial::SerialLink;
 use ft_drivers::options::Startup;
-use ft_drivers::priority::{Duty, prefer_this_thread, processors};
+use ft_drivers::priority::{Duty, SharedProcessor, prefer_this_thread};
 use ft_drivers::pump::Pump;
 use ft_drivers::{Clock, MonotonicClock};
 use ft_recording::message::{Header, Message, TFMessage, WrenchStamped};
@@ -65,8 +64,7 @@ type Failure = Box<dyn std::error::Error>;
 
 /// From the link's last byte to a subscriber in another process, beside a bare Zenoh publisher of the same bytes.
 ///
-/// Each rate twice: with the threads wherever the system likes, and with both of ours on the last processor (`network.processor`). As it
-/// stands, about four minutes.
+/// As it stands, about two minutes.
 #[derive(Parser)]
 #[command(after_help = "Example:\n  latency-table 16 1000 8000")]
 struct Arguments {
@@ -101,12 +99,8 @@ fn main() -> Result<(), Failure> {
         "{:>8} {:>5} {:>9} {:>5} {:>8} {:>8}   {:>10} {:>10}",
         "rate/Hz", "", "sent", "lost", "p50/us", "p99/us", "p50 ratio", "p99 ratio"
     );
-    let last = processors().last().copied();
-    for (rate_hz, processor) in rates
-        .into_iter()
-        .flat_map(|rate| [(rate, None), (rate, last)])
-    {
-        let [ours, bare] = measure(rate_hz, windows, processor)?;
+    for rate_hz in rates {
+        let [ours, bare] = measure(rate_hz, windows)?;
         let ratio = (ours.p50 / bare.p50, ours.p99 / bare.p99);
         for (name, of) in [("bare", &bare), ("ours", &ours)] {
             let said = match name {
@@ -120,9 +114,8 @@ fn main() -> Result<(), Failure> {
         }
         let holds = ratio.0 <= BOUND && ratio.1 <= BOUND && ours.lost == 0;
         println!(
-            "{:>8} {}{}",
+            "{:>8} {}",
             "",
-            processor.map_or(String::new(), |one| format!("ours on processor {one}: ")),
             if holds { "holds" } else { "DOES NOT HOLD" }
         );
     }
@@ -147,16 +140,12 @@ struct Outcome {
 }
 
 /// Ours and bare.
-fn measure(
-    rate_hz: u64,
-    windows: usize,
-    processor: Option<usize>,
-) -> Result<[Outcome; 2], Failure> {
+fn measure(rate_hz: u64, windows: usize) -> Result<[Outcome; 2], Failure> {
     let clock = MonotonicClock::anchored_now();
     let folder = tempfile::tempdir()?;
     let mut device = Device::new(folder.path(), clock)?;
     let [ours, bare] = &device.ports;
-    let (ours, bare) = (Ours::open(ours, clock, processor)?, Bare::open(bare)?);
+    let (ours, bare) = (Ours::open(ours, clock)?, Bare::open(bare)?);
     device.wait_for_readers()?;
     let mut child = Command::new(std::env::current_exe()?)
         .arg("--subscribe")
@@ -338,11 +327,7 @@ fn listening(endpoint: &str) -> Network {
 }
 
 impl Ours {
-    fn open(
-        port: &std::path::Path,
-        clock: MonotonicClock,
-        processor: Option<usize>,
-    ) -> Result<Self, Failure> {
+    fn open(port: &std::path::Path, clock: MonotonicClock) -> Result<Self, Failure> {
         let settings = listening(ENDPOINTS[0]);
         let session = network::open(&settings)?.session;
         let sink =
@@ -350,8 +335,10 @@ impl Ours {
         let (to, ends) = queues(true);
         let items = ends.publisher.ok_or("no queue")?;
         let outlets = Outlets::new(Some(sink), None);
+        let processor = SharedProcessor::default();
+        let shared = processor.clone();
         let publisher =
-            std::thread::spawn(move || outlets.publish_until_closed(&items, clock, processor));
+            std::thread::spawn(move || outlets.publish_until_closed(&items, clock, &shared));
         let port = port.to_owned();
         let open = move || {
             let config = Config {
@@ -370,7 +357,7 @@ impl Ours {
             channel: Channel::new(0, to, Arc::clone(&counters), Duration::ZERO),
             counters,
             stop: Arc::clone(&stop),
-            processor,
+            processor: Some(processor),
         };
         let link = std::thread::spawn(move || thread.run(open(), open));
         Ok(Self {
