@@ -368,6 +368,9 @@ pub struct Network {
     pub cache_samples: usize,
     /// Which ROS 2 distributions are to see the topics.
     pub profile: Profile,
+    /// Read and ignored: configurations from before 0.2, and the recordings made with them, may name a processor here.
+    #[serde(skip_serializing)]
+    pub processor: Option<usize>,
 }
 
 impl Default for Network {
@@ -384,6 +387,7 @@ impl Default for Network {
             namespace: String::new(),
             cache_samples: 65_536,
             profile: Profile::default(),
+            processor: None,
         }
     }
 }

@@ -2,7 +2,6 @@
 
 mod shared;
 
-use rustix::thread::CpuSet;
 pub use shared::SharedProcessor;
 
 /// What a thread does whose lateness costs somebody something.
@@ -30,13 +29,6 @@ impl Duty {
 pub fn prefer_this_thread(duty: Duty) -> bool {
     // On Linux a nice value belongs to the thread, and a thread id stands for it.
     rustix::process::setpriority_process(Some(rustix::thread::gettid()), duty.nice()).is_ok()
-}
-
-/// The processors that the calling thread may run on.
-fn processors() -> Vec<usize> {
-    let allowed = rustix::thread::sched_getaffinity(None);
-    let set = allowed.unwrap_or_else(|_| CpuSet::new());
-    (0..CpuSet::MAX_CPU).filter(|&i| set.is_set(i)).collect()
 }
 
 #[cfg(test)]

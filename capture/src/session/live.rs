@@ -222,6 +222,9 @@ impl Operator<'_> {
             self.take_health(surroundings);
             if let Some(array) = self.health.poll(now) {
                 self.put(now, Body::Diagnostics(Box::new(array)));
+                if let Some(processor) = publisher.processor() {
+                    processor.look();
+                }
             }
             let mut stop = false;
             while let Ok(request) = self.requests.try_recv() {

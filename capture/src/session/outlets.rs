@@ -14,9 +14,6 @@ use crate::live::{Hub, Sample};
 use crate::sink::SinkError;
 use crate::sink::zenoh::ZenohSink;
 
-/// Time between two looks whether the processor has time.
-const LOOKS: Duration = Duration::from_secs(1);
-
 /// Where items go.
 #[derive(Debug)]
 pub struct Outlets {
@@ -47,16 +44,11 @@ impl Outlets {
     ) -> (u64, Self) {
         let _ = prefer_this_thread(Duty::Publishing);
         processor.join();
-        let (mut refused, mut looked) = (0, clock.now());
+        let mut refused = 0;
         // No time-out: to set a timer for each message takes longer than to encode it.
         for item in items {
             refused += u64::from(self.take(&item).is_err());
-            let now = clock.now();
-            refused += u64::from(self.tick(now).is_err());
-            if now >= looked + LOOKS {
-                processor.look();
-                looked = now;
-            }
+            refused += u64::from(self.tick(clock.now()).is_err());
         }
         (refused, self)
     }
