@@ -203,14 +203,15 @@ fn confirmed_diagnosis(
     others: &[(String, JointSamples)],
 ) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
     let mut barred: Vec<&'static str> = Vec::new();
-    let (mut samples, mut earlier) = confirmed_change(samples, others);
-    let mut best: Option<(Diagnosis, Vec<Confirmation>)> = None;
+    let (samples, mut earlier) = confirmed_change(samples, others);
+    let mut best = None;
     let mut least = f64::INFINITY;
     loop {
-        let mut diagnosis = diagnose_rid_of_slips(&mut samples, settings, &barred)?;
-        let others = &others_rid_of_slips(&diagnosis, others, settings)?;
+        // Slips seen beside a model that was refused may be none.
+        let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred)?;
+        let others = others_rid_of_slips(&diagnosis, others, settings)?;
         let known = diagnosis.refused.len();
-        let confirmed = confirm(&mut diagnosis, others, settings)?;
+        let confirmed = confirm(&mut diagnosis, &others, settings)?;
         let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
         // Of several dampers one may be too many; where the tool slid is in no model, confirmed or not.
         refused.retain(|refused| {
@@ -222,16 +223,17 @@ fn confirmed_diagnosis(
         least = least.min(error);
         let ends = refused.is_empty() || barred.len() >= MOST_BARRED;
         let stays = |_: &mut _| least < STAYS_BELOW * error;
-        let (mut diagnosis, mut confirmed) = best.take_if(stays).unwrap_or((diagnosis, confirmed));
+        let last = (diagnosis, confirmed, others);
+        let (mut diagnosis, mut confirmed, others) = best.take_if(stays).unwrap_or(last);
         if ends {
             let named = |name| diagnosis.effects.iter().any(|e| e.found.kind.name == name);
             earlier.retain(|known| !diagnosis.refused.contains(known) && !named(known.name));
             diagnosis.refused.extend(earlier);
-            add_stiction(&mut diagnosis, &mut confirmed, others, settings)?;
+            add_stiction(&mut diagnosis, &mut confirmed, &others, settings)?;
             return Ok((diagnosis, confirmed));
         }
         // What was refused after the first may have been so for want of it only.
-        best = Some((diagnosis, confirmed));
+        best = Some((diagnosis, confirmed, others));
         refused.truncate(1);
         barred.extend(refused.iter().map(|refused| refused.name));
         earlier.extend(refused);

@@ -4,7 +4,7 @@
 
 use core::f64::consts::PI;
 
-use ft_identify::analysis::analyse;
+use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
 use ft_identify::diagnose::{Diagnosis, NamedEffect, confirm, diagnose};
 use ft_identify::motion::MotionSettings;
 use ft_identify::report::{Input, Joint, Report};
@@ -30,6 +30,8 @@ struct Drawer {
     play_m: f64,
     /// When the tool slides on the handle, s.
     slips: Vec<f64>,
+    /// How far it slides across the path each time, m.
+    slips_across_m: f64,
 }
 
 /// What the tool slides by each time, along the path and across it, m.
@@ -46,6 +48,7 @@ impl Drawer {
             give_m_per_n: 0.0,
             play_m: 0.0,
             slips: Vec::new(),
+            slips_across_m: SLIPS_BY[1],
         }
     }
 
@@ -106,7 +109,7 @@ impl Drawer {
             noise_of_q: if self.slips.is_empty() {
                 Vec::new()
             } else {
-                let across = |i| 6e-5 * draw() + SLIPS_BY[1] * slid(i as f64 / RATE);
+                let across = |i| 6e-5 * draw() + self.slips_across_m * slid(i as f64 / RATE);
                 vec![(0..n).map(across).collect()]
             },
             aside: ft_identify::samples::Aside::default(),
@@ -269,11 +272,13 @@ fn where_the_tool_slid_no_fit_looks_and_a_recording_without_slips_does_not_confi
     println!("simulated: {}", told(&found));
     let slip = &found.effects[0];
     assert_eq!(slip.found.kind.name, "slip");
-    let [count, across, at @ ..] = slip.found.shape.as_slice() else {
+    let [count, across, along, at @ ..] = slip.found.shape.as_slice() else {
         panic!("{:?}", slip.found.shape)
     };
     assert_eq!(*count, 3.0);
     assert!((across - SLIPS_BY[1]).abs() < 5e-4, "{across}");
+    // Nobody has asked yet how far.
+    assert_eq!(*along, 0.0);
     for (found, wanted) in at.iter().zip([11.0, 23.3, 34.1]) {
         assert!((found - wanted).abs() < 0.03, "{at:?}");
     }
@@ -294,6 +299,31 @@ fn where_the_tool_slid_no_fit_looks_and_a_recording_without_slips_does_not_confi
         found.refused.last().map(|refused| refused.name),
         Some("slip")
     );
+}
+
+#[test]
+fn a_tool_that_slid_along_the_path_alone_is_seen_in_the_effort_and_its_coordinate_is_mended() {
+    let slipped = |times: &[f64], seed| {
+        let mut drawer = Drawer::with(|_, q, _, _| 15.0 * q);
+        drawer.slips = times.to_vec();
+        drawer.slips_across_m = 0.0;
+        drawer.record(45.0, seed)
+    };
+    let first = slipped(&[12.0, 23.3, 33.2], 140);
+    let again = vec![("other".to_owned(), slipped(&[8.0, 30.0], 141))];
+    let analysis = analyse_confirmed(&first, &MotionSettings::default(), &again).unwrap();
+    let found = analysis.diagnosis.as_ref().unwrap();
+    println!("simulated: {}", told(found));
+    assert_eq!(names(found), ["spring", "slip"]);
+    assert_eq!(analysis.verdict, Verdict::Explained);
+    let slips = &found.motion.slips;
+    assert_eq!(slips.len(), 3, "{slips:?}");
+    for (slip, at) in slips.iter().zip([12.0, 23.3, 33.2]) {
+        assert!((slip.at - at).abs() < 0.05, "{slips:?}");
+        assert!((slip.along - SLIPS_BY[0]).abs() < 0.002, "{slips:?}");
+    }
+    let stiffness = found.model.value("stiffness").unwrap();
+    assert!((stiffness / 15.0 - 1.0).abs() < 0.02, "{stiffness}");
 }
 
 #[test]
@@ -599,7 +629,7 @@ fn a_mechanism_that_the_library_has_no_name_for_stays_unexplained() {
 
 #[test]
 fn a_named_spring_keeps_its_numbers_beside_the_mechanism_and_the_effort_is_the_same() {
-    use ft_identify::analysis::analyse;
+    use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
     use ft_identify::mechanism::Mechanism as _;
     let spring = |_: f64, q: f64, _: f64, _: f64| 6.0 + 18.0 * q;
     let samples = Drawer::with(spring).record(45.0, 11);
@@ -706,7 +736,7 @@ fn a_play_in_which_the_object_goes_its_own_way_is_named_and_measured() {
 /// shorter than a step.
 #[test]
 fn coarse_positions_are_identified_and_make_no_bristles() {
-    use ft_identify::analysis::analyse;
+    use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
 
     let step = 1e-3;
     for seed in 0..4 {

@@ -426,6 +426,7 @@ const FOLDS: usize = 6;
 
 /// One point of a kind's grid, with its filtered columns. Single precision: hundreds of them are held at once, and the best is made
 /// anew before it is added.
+#[derive(Clone)]
 pub(super) struct Candidate {
     pub(super) kind: &'static Kind,
     pub(super) shape: Vec<f64>,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 
 use super::finish::fit_named;
-use super::gates::limit;
+use super::gates::{gives, limit};
 use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
@@ -174,6 +174,8 @@ pub(super) struct AsWas {
     given_up: Vec<&'static str>,
     curve: Vec<Vec<f64>>,
     object: Arc<Object>,
+    /// What of the bank was made of that object.
+    offered: Vec<Candidate>,
     active: [bool; 3],
     floor: NoiseFloor,
     level: f64,
@@ -239,6 +241,12 @@ impl State {
             given_up: self.given_up.clone(),
             curve: self.ground.curve.clone(),
             object: Arc::clone(&self.ground.object),
+            offered: self
+                .bank
+                .iter()
+                .filter(|c| gives(c.kind))
+                .cloned()
+                .collect(),
             active: self.ground.active,
             floor: self.floor,
             level: self.level,
@@ -250,6 +258,10 @@ impl State {
         self.refused = as_was.refused;
         self.given_up = as_was.given_up;
         self.ground.curve = as_was.curve;
+        if !Arc::ptr_eq(&self.ground.object, &as_was.object) {
+            self.bank.retain(|candidate| !gives(candidate.kind));
+            self.bank.extend(as_was.offered);
+        }
         self.ground.object = as_was.object;
         self.ground.active = as_was.active;
         self.floor = as_was.floor;
@@ -438,6 +450,9 @@ impl State {
 
     /// Adds what comes next where that is a load of the library.
     fn add_another_load(&mut self) -> Result<(), DynamicsError> {
+        if self.effects.len() >= MOST_EFFECTS {
+            return Ok(());
+        }
         let seen = self.survey()?.map(|(_, seen)| seen);
         let next = seen.as_ref().and_then(|seen| self.next(seen));
         if let (Some(seen), Some((next, p_value))) = (&seen, next)

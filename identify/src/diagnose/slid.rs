@@ -4,19 +4,16 @@
 //! pulse of effort that nobody gave, to one side and back; and ever after the coordinate is off by the way that the tool slid, so that springs
 //! and catches seem to have moved.
 
-use std::borrow::Cow;
-
 use nalgebra::{DMatrix, DVector};
 
-use super::confirm::shown;
 use super::model::{Found, slopes_of};
 use super::search::{Diagnosis, fit_found};
 use super::start::diagnose_without;
 use crate::analysis::SURELY_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel, fit_with_mechanism};
 use crate::effect::{Effect, RigidBody, slip};
-use crate::least_squares::{least_squares, rms};
-use crate::motion::{Motion, MotionSettings};
+use crate::least_squares::{FitError, least_squares, rms};
+use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::samples::{JointSamples, Slid, extrema, quantile};
 
 /// A pulse is so many times the floor and what is usual, and so many times what is left about it.
@@ -24,7 +21,8 @@ const PULSE: f64 = 7.0;
 const ALONE: f64 = 4.0;
 /// So many samples must tell what is left about it.
 const SOME: usize = 8;
-/// At the same place and to the same side at other times is mostly less than this share of it.
+/// So many samples at the same place and to the same side tell that it is not of the place, and what they leave is mostly less than this share of it.
+const FEW: usize = 3;
 const ELSEWHERE: f64 = 0.5;
 const MOSTLY: f64 = 0.8;
 /// So near in place, as a share of the range.
@@ -32,7 +30,7 @@ const SAME_PLACE: f64 = 0.03;
 /// It lasts so long to either side, and so long is what is about it, s.
 const LASTS_S: f64 = 0.2;
 const ABOUT_S: f64 = 1.0;
-/// One pulse at least comes back: its sum is less than this share of the sum of what it has on either side.
+/// One pulse at least comes back, unless slips are known: its sum is less than this share of the sum of what it has on either side.
 const COMES_BACK: f64 = 0.4;
 /// Standard deviation of the way along the path beforehand, as a share of the range.
 const USUAL_WAY: f64 = 0.01;
@@ -40,6 +38,9 @@ const USUAL_WAY: f64 = 0.01;
 const LEAST_GAIN: f64 = 0.05;
 /// More pulses than these are no slips.
 const MOST: usize = 8;
+/// More than these that are all within this share of the range are of the place.
+const PAIR: usize = 2;
+const ONE_PLACE: f64 = 0.1;
 /// Ratio of singular values that still counts.
 const RANK: f64 = 1e-9;
 
@@ -49,23 +50,30 @@ const STAYS_BELOW: f64 = 0.95;
 /// Instants that nothing but the effort shows count where so many floors are left without them at most: anything that is missing makes pulses, too.
 const MOST_LEFT: f64 = 1.3;
 
-/// As [`diagnose_without`], and rids `samples` of the slips that the effort shows where that leaves less.
+/// As [`diagnose_without`], of `samples` rid of the slips that the effort shows where that leaves less.
 ///
 /// # Errors
 /// [`DynamicsError`].
 pub(crate) fn diagnose_rid_of_slips(
-    samples: &mut Cow<'_, JointSamples>,
+    samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
     let first = diagnose_without(samples, settings, barred)?;
     let most = MOST_LEFT * first.floor.rms;
-    let (known, mut best, mut rid_of) = (first.motion.slips.len(), None, None);
-    for _ in 0..ROUNDS {
-        let last = best.as_ref().unwrap_or(&first);
-        let seen = rid_of.as_ref().unwrap_or(samples.as_ref());
+    let mut rounds: Vec<(Diagnosis, JointSamples)> = Vec::new();
+    while rounds.len() < ROUNDS {
+        let (last, seen) = rounds
+            .last()
+            .map_or((&first, samples), |(last, seen)| (last, seen));
         let noise = SURELY_BELOW * last.floor.rms;
-        let rid = rid_of_slips(seen, &last.motion, &last.found(), &last.model, noise)?;
+        let left = Left {
+            motion: &last.motion,
+            found: &last.found(),
+            model: &last.model,
+            elsewhere: false,
+        };
+        let rid = rid_of_slips(seen, &left, noise)?;
         let rid = match rid {
             None if last.model.held_out_rms > noise => {
                 rid_beside_any_load(seen, &last.motion, noise)?
@@ -75,18 +83,29 @@ pub(crate) fn diagnose_rid_of_slips(
         let Some(rid) = rid else {
             break;
         };
-        let next = diagnose_without(&rid, settings, barred)?;
+        let Some(next) = if_enough(diagnose_without(&rid, settings, barred))? else {
+            break;
+        };
         if next.model.held_out_rms > STAYS_BELOW * last.model.held_out_rms {
             break;
         }
-        (best, rid_of) = (Some(next), Some(rid));
+        rounds.push((next, rid));
     }
-    match best.zip(rid_of) {
-        Some((best, rid)) if counts(&best.motion, &best.model, known, most) => {
-            *samples = Cow::Owned(rid);
-            Ok(best)
-        }
-        _ => Ok(first),
+    let known = first.motion.slips.len();
+    let mut last = rounds.into_iter().map(|(last, _)| last).rev();
+    Ok(last
+        .find(|last| counts(&last.motion, &last.model, known, most))
+        .unwrap_or(first))
+}
+
+/// A fit, or nothing where what was left out for slips was too much.
+fn if_enough<T>(fit: Result<T, DynamicsError>) -> Result<Option<T>, DynamicsError> {
+    match fit {
+        Err(
+            DynamicsError::Motion(MotionError::AllGated { .. })
+            | DynamicsError::Fit(FitError::RankDeficient { .. } | FitError::TooFewSamples { .. }),
+        ) => Ok(None),
+        other => other.map(Some),
     }
 }
 
@@ -105,57 +124,90 @@ pub(crate) fn others_rid_of_slips(
     settings: &MotionSettings,
 ) -> Result<Vec<(String, JointSamples)>, DynamicsError> {
     let (found, floor) = (diagnosis.found(), diagnosis.floor.rms);
+    let lag_s = diagnosis.lag_s.unwrap_or(0.0);
     let mut out = others.to_vec();
     for (_, samples) in &mut out {
-        if let Some(rid) = rid_beside(samples, &found, floor, settings)? {
+        if let Some(rid) = rid_beside(samples, &found, floor, lag_s, settings)? {
             *samples = rid;
         }
     }
     Ok(out)
 }
 
-/// `samples` without the slips that their effort shows beside `found`; nothing where there are none.
+/// `samples`, whose effort comes `lag_s` late, without the slips that it shows beside `found`; nothing where there are none.
 fn rid_beside(
     samples: &JointSamples,
     found: &[Found],
     floor: f64,
+    lag_s: f64,
     settings: &MotionSettings,
 ) -> Result<Option<JointSamples>, DynamicsError> {
     let fit = |samples: &JointSamples| {
-        let motion = Motion::prepare(samples, settings)?;
-        let model = shown(fit_found(&motion, found))?;
-        Ok::<_, DynamicsError>(model.map(|model| (motion, model)))
+        let fitted = Motion::prepare(&samples.with_effort_earlier(lag_s), settings)
+            .map_err(DynamicsError::from)
+            .and_then(|motion| Ok((fit_found(&motion, found)?, motion)));
+        if_enough(fitted)
     };
-    let Some((mut motion, mut model)) = fit(samples)? else {
+    let Some(first) = fit(samples)? else {
         return Ok(None);
     };
-    let (known, mut best) = (motion.slips.len(), None);
-    for _ in 0..ROUNDS {
-        let seen = best.as_ref().unwrap_or(samples);
+    let mut rounds: Vec<(JointSamples, (EffortModel, Motion))> = Vec::new();
+    while rounds.len() < ROUNDS {
+        let (seen, (model, motion)) = rounds
+            .last()
+            .map_or((samples, &first), |(seen, last)| (seen, last));
         let noise = SURELY_BELOW * floor;
-        let Some(rid) = rid_of_slips(seen, &motion, found, &model, noise)? else {
+        let left = Left {
+            motion,
+            found,
+            model,
+            elsewhere: true,
+        };
+        let Some(rid) = rid_of_slips(seen, &left, noise)? else {
             break;
         };
-        let Some((next, fitted)) = fit(&rid)? else {
+        let Some(next) = fit(&rid)? else {
             break;
         };
-        if fitted.held_out_rms > STAYS_BELOW * model.held_out_rms {
+        if next.0.held_out_rms > STAYS_BELOW * model.held_out_rms {
             break;
         }
-        (best, motion, model) = (Some(rid), next, fitted);
+        rounds.push((rid, next));
     }
-    Ok(best.filter(|_| counts(&motion, &model, known, MOST_LEFT * floor)))
+    let known = first.1.slips.len();
+    while let Some((rid, (model, motion))) = rounds.pop() {
+        if counts(&motion, &model, known, MOST_LEFT * floor) {
+            return Ok(Some(rid));
+        }
+    }
+    Ok(None)
 }
 
-/// The recording without what the tool slid along the path, where more of it is seen in what `model` leaves of the effort than `samples` are rid of;
-/// `motion` was prepared from them. New instants are looked for where more than `noise` is left.
+/// A model on a motion, and what it leaves of the effort.
+struct Left<'a> {
+    motion: &'a Motion,
+    found: &'a [Found],
+    model: &'a EffortModel,
+    /// Its shapes were found on another recording, which may count the coordinate from another place.
+    elsewhere: bool,
+}
+
+/// The recording without what the tool slid along the path, where more of it is seen in what is left of the effort than `samples` are rid of; the motion was
+/// prepared from them, without a lag. New instants are looked for where more than `noise` is left. Of a table nobody knows that a hand held it.
 fn rid_of_slips(
     samples: &JointSamples,
-    motion: &Motion,
-    found: &[Found],
-    model: &EffortModel,
+    left: &Left<'_>,
     noise: f64,
 ) -> Result<Option<JointSamples>, DynamicsError> {
+    let Left {
+        motion,
+        found,
+        model,
+        ..
+    } = left;
+    if motion.noise_of_q.is_empty() {
+        return Ok(None);
+    }
     let slopes = slopes_of(motion, found, model.theta.as_slice()).load;
     let new = if model.held_out_rms > noise {
         new_pulses(motion, &model.residual, &slopes, noise)
@@ -168,7 +220,7 @@ fn rid_of_slips(
     if at.is_empty() {
         return Ok(None);
     }
-    let (ways, gain) = ways(motion, found, model, &slopes, &at)?;
+    let (ways, gain) = ways(left, &slopes, &at)?;
     if new.is_empty() && gain < LEAST_GAIN {
         return Ok(None);
     }
@@ -186,7 +238,10 @@ fn rid_beside_any_load(
     motion: &Motion,
     noise: f64,
 ) -> Result<Option<JointSamples>, DynamicsError> {
-    let Some(model) = shown(fit_with_mechanism(motion, &[&RigidBody]))? else {
+    if motion.noise_of_q.is_empty() {
+        return Ok(None);
+    }
+    let Some(model) = if_enough(fit_with_mechanism(motion, &[&RigidBody]))? else {
         return Ok(None);
     };
     let none = vec![0.0; motion.q.len()];
@@ -202,7 +257,7 @@ fn new_pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> 
     all
 }
 
-/// When the effort has a pulse that comes once and stands alone; none where none of them comes back or where there are many.
+/// When the effort has a pulse that comes once and stands alone; none where none of them comes back and no slip is known, where there are many, and where all are at one place.
 fn pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> Vec<f64> {
     let [time, q, dq] = [&motion.time, &motion.q, &motion.dq].map(|series| motion.at_kept(series));
     let (low, high) = extrema(&q);
@@ -214,7 +269,7 @@ fn pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> Vec<
     order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
     let mut peaks: Vec<usize> = Vec::new();
     for i in order {
-        if peaks.iter().all(|j| (time[i] - time[*j]).abs() > LASTS_S) {
+        if !peaks.iter().any(|j| slip::is_one(time[i], time[*j])) {
             peaks.push(i);
         }
     }
@@ -233,6 +288,7 @@ fn pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> Vec<
         let steep = slopes[motion.kept[peak]].abs() * USUAL_WAY * (high - low);
         let there: Vec<f64> = (0..time.len()).filter(same).map(|i| sizes[i]).collect();
         about.len() >= SOME
+            && there.len() >= FEW
             && steep < sizes[peak]
             && ALONE * rms(&about) < sizes[peak]
             && quantile(&there, MOSTLY) < ELSEWHERE * sizes[peak]
@@ -248,7 +304,11 @@ fn pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> Vec<
         });
         !slip::turns_near(motion, motion.kept[peak]) && sum.abs() < COMES_BACK * all
     };
-    if alone.len() > MOST || !alone.iter().any(comes_back) {
+    let places: Vec<f64> = alone.iter().map(|i| q[*i]).collect();
+    let (first, last) = extrema(&places);
+    let of_one_place = places.len() > PAIR && last - first < ONE_PLACE * (high - low);
+    let slid = !motion.slips.is_empty() || alone.iter().any(comes_back);
+    if alone.len() > MOST || of_one_place || !slid {
         return Vec::new();
     }
     let middle = |&peak: &usize| {
@@ -262,15 +322,10 @@ fn pulses(motion: &Motion, residual: &[f64], slopes: &[f64], noise: f64) -> Vec<
     alone.iter().map(middle).collect()
 }
 
-/// How far the tool slid along the path at each of `at` beyond what the motion is rid of, by what `model` leaves of the effort away from these instants, and
-/// the share of its square that they take away.
-fn ways(
-    motion: &Motion,
-    found: &[Found],
-    model: &EffortModel,
-    slopes: &[f64],
-    at: &[f64],
-) -> Result<(Vec<f64>, f64), DynamicsError> {
+/// How far the tool slid along the path at each of `at` beyond what the motion is rid of, by what is left of the effort away from these instants, and the
+/// share of its square that they take away.
+fn ways(left: &Left<'_>, slopes: &[f64], at: &[f64]) -> Result<(Vec<f64>, f64), DynamicsError> {
+    let Left { motion, model, .. } = left;
     let mut columns: Vec<Vec<f64>> = Vec::new();
     for &at in at {
         let after = motion.time.iter().zip(slopes);
@@ -278,32 +333,40 @@ fn ways(
         columns.push(motion.regressor(&series)?);
     }
     let mut others = RigidBody.columns(motion)?;
-    for found in found {
+    for found in left.found {
         others.extend(found.columns(motion)?);
     }
+    if left.elsewhere {
+        columns.push(motion.regressor(slopes)?);
+    }
+    let doubtful = columns.len();
     columns.extend(others.into_iter().map(|column| column.values));
     let counts = |j: &usize| {
         let t = motion.time[motion.kept[*j]];
         at.iter().all(|at| (t - at).abs() > slip::SLIDES_S)
     };
     let rows: Vec<usize> = (0..motion.kept.len()).filter(counts).collect();
-    let left: Vec<f64> = rows.iter().map(|j| model.residual[*j]).collect();
+    let rest: Vec<f64> = rows.iter().map(|j| model.residual[*j]).collect();
     let (low, high) = extrema(&motion.q);
-    let doubt = rms(&left) / (USUAL_WAY * (high - low));
-    let height = rows.len() + at.len();
-    let regressor = DMatrix::from_fn(height, columns.len(), |i, k| match rows.get(i) {
-        Some(row) => columns[k][*row],
-        None if i - rows.len() == k => doubt,
-        None => 0.0,
-    });
-    let aim = DVector::from_fn(height, |i, _| left.get(i).copied().unwrap_or(0.0));
-    let fit = least_squares(&regressor, &aim, RANK).map_err(DynamicsError::from);
-    let Some(fit) = shown(fit)? else {
+    let doubt = rms(&rest) / (USUAL_WAY * (high - low));
+    let fit = |from: usize| -> Result<_, DynamicsError> {
+        let columns = &columns[from..];
+        let height = rows.len() + doubtful - from;
+        let regressor = DMatrix::from_fn(height, columns.len(), |i, k| match rows.get(i) {
+            Some(row) => columns[k][*row],
+            None if i - rows.len() == k => doubt,
+            None => 0.0,
+        });
+        let aim = DVector::from_fn(height, |i, _| rest.get(i).copied().unwrap_or(0.0));
+        if_enough(least_squares(&regressor, &aim, RANK).map_err(DynamicsError::from))
+    };
+    let (Some(with), Some(without)) = (fit(0)?, fit(at.len())?) else {
         return Ok((vec![0.0; at.len()], 0.0));
     };
-    let gain = 1.0 - fit.residual.norm_squared() / aim.norm_squared().max(f64::MIN_POSITIVE);
+    let [with_it, without_it] = [&with, &without].map(|fit| fit.residual.norm_squared());
+    let gain = 1.0 - with_it / without_it.max(f64::MIN_POSITIVE);
     // A coordinate that reads too far by `along` shows the load of a place that the object has not reached.
-    let ways = (0..at.len()).map(|i| -fit.theta[i]).collect();
+    let ways = (0..at.len()).map(|i| -with.theta[i]).collect();
     Ok((ways, gain))
 }
 
@@ -359,7 +422,7 @@ mod tests {
         let settings = MotionSettings::default();
         let ground = Ground::of(Motion::prepare(samples, &settings).unwrap()).unwrap();
         let spring = ground.found(&SPRING, Vec::new(), vec![true, true]);
-        let rid = rid_beside(samples, &[spring], 0.1, &settings).unwrap();
+        let rid = rid_beside(samples, &[spring], 0.1, 0.0, &settings).unwrap();
         rid.map_or(Vec::new(), |rid| rid.aside.slid)
     }
 

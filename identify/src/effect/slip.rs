@@ -96,7 +96,7 @@ pub(crate) fn all(motion: &Motion, beside: &[Vec<f64>], slid: &[Slid]) -> Vec<Sl
     let mut out = jumps(motion, beside);
     for slid in slid {
         match out.iter_mut().find(|slip| is_one(slip.at, slid.at)) {
-            Some(slip) => slip.along = slid.along,
+            Some(slip) => slip.along += slid.along,
             None => out.push(Slip {
                 at: slid.at,
                 across: 0.0,
