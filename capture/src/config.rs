@@ -368,7 +368,7 @@ pub struct Network {
     pub cache_samples: usize,
     /// Which ROS 2 distributions are to see the topics.
     pub profile: Profile,
-    /// Read and ignored: configurations from before 0.2, and the recordings made with them, may name a processor here.
+    /// Read and ignored: earlier configurations, and the recordings made with them, may name a processor here.
     #[serde(skip_serializing)]
     pub processor: Option<usize>,
 }
