@@ -80,36 +80,75 @@ fn twin_effort(bencher: divan::Bencher) {
 
 const MILLION: usize = 1_000_000;
 
-/// A million efforts in arrays that are there already; by so many threads.
+/// States in the order of their time, as of a recording: strokes of three seconds over all of the domain, a thousand samples per second.
+fn samples(evaluator: &Evaluator, count: u32) -> [Vec<f64>; 3] {
+    let [low, high] = evaluator.domain().q;
+    let (middle, reach, per_s) = (
+        0.5 * (low + high),
+        0.5 * (high - low),
+        core::f64::consts::PI / 3.0,
+    );
+    let at: Vec<f64> = (0..count).map(|k| per_s * 1e-3 * f64::from(k)).collect();
+    let series = |of: fn(f64) -> f64, size: f64| -> Vec<f64> {
+        at.iter().map(|at| size * of(*at)).collect()
+    };
+    let q = series(f64::cos, -reach)
+        .iter()
+        .map(|q| middle + q)
+        .collect();
+    [
+        q,
+        series(f64::sin, reach * per_s),
+        series(f64::cos, reach * per_s * per_s),
+    ]
+}
+
+/// A million efforts in arrays that are there already, in the order of time; by so many threads.
 #[divan::bench(args = [1, 2])]
 fn twin_efforts_of_a_million(bencher: divan::Bencher, threads: usize) {
-    let evaluator = evaluator();
-    let [q, dq, ddq] = states(&evaluator, MILLION as u32);
-    let mut out = vec![0.0; MILLION];
-    let bencher = bencher.counter(divan::counter::ItemsCount::new(MILLION));
-    bencher.bench_local(|| {
-        evaluator
-            .efforts_by(threads, &q, &dq, &ddq, &mut out)
-            .is_ok()
-    });
+    efforts(bencher, threads, MILLION, samples);
+}
+
+/// The same in no order.
+#[divan::bench(args = [1, 2])]
+fn twin_efforts_of_a_million_in_no_order(bencher: divan::Bencher, threads: usize) {
+    efforts(bencher, threads, MILLION, states);
 }
 
 /// The same bytes in and out with nothing computed but their sum: what the memory gives.
 #[divan::bench(args = [1, 2])]
 fn sums_of_a_million(bencher: divan::Bencher, threads: usize) {
-    let [q, dq, ddq] = [1.0, 2.0, 3.0].map(|value| vec![value; MILLION]);
-    let mut out = vec![0.0; MILLION];
-    let bencher = bencher.counter(divan::counter::ItemsCount::new(MILLION));
-    bencher.bench_local(|| sums(threads, [&q, &dq, &ddq], &mut out));
+    summed(bencher, threads, MILLION);
 }
 
 /// The same where no cache holds the arrays: a million after the other of 32 million states.
 #[divan::bench(args = [1, 2], sample_count = 20)]
 fn twin_efforts_from_memory(bencher: divan::Bencher, threads: usize) {
+    efforts(bencher, threads, 32 * MILLION, samples);
+}
+
+/// The same in no order.
+#[divan::bench(args = [1, 2], sample_count = 20)]
+fn twin_efforts_from_memory_in_no_order(bencher: divan::Bencher, threads: usize) {
+    efforts(bencher, threads, 32 * MILLION, states);
+}
+
+/// [`sums_of_a_million`] of as many as [`twin_efforts_from_memory`].
+#[divan::bench(args = [1, 2], sample_count = 20)]
+fn sums_from_memory(bencher: divan::Bencher, threads: usize) {
+    summed(bencher, threads, 32 * MILLION);
+}
+
+fn efforts(
+    bencher: divan::Bencher,
+    threads: usize,
+    count: usize,
+    of: fn(&Evaluator, u32) -> [Vec<f64>; 3],
+) {
     let evaluator = evaluator();
-    let [q, dq, ddq] = states(&evaluator, 32 * MILLION as u32);
-    let mut out = vec![0.0; 32 * MILLION];
-    let bencher = bencher.counter(divan::counter::ItemsCount::new(32 * MILLION));
+    let [q, dq, ddq] = of(&evaluator, count as u32);
+    let mut out = vec![0.0; count];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(count));
     bencher.bench_local(|| {
         evaluator
             .efforts_by(threads, &q, &dq, &ddq, &mut out)
@@ -117,12 +156,10 @@ fn twin_efforts_from_memory(bencher: divan::Bencher, threads: usize) {
     });
 }
 
-/// [`sums_of_a_million`] of as many as [`twin_efforts_from_memory`].
-#[divan::bench(args = [1, 2], sample_count = 20)]
-fn sums_from_memory(bencher: divan::Bencher, threads: usize) {
-    let [q, dq, ddq] = [1.0, 2.0, 3.0].map(|value| vec![value; 32 * MILLION]);
-    let mut out = vec![0.0; 32 * MILLION];
-    let bencher = bencher.counter(divan::counter::ItemsCount::new(32 * MILLION));
+fn summed(bencher: divan::Bencher, threads: usize, count: usize) {
+    let [q, dq, ddq] = [1.0, 2.0, 3.0].map(|value| vec![value; count]);
+    let mut out = vec![0.0; count];
+    let bencher = bencher.counter(divan::counter::ItemsCount::new(count));
     bencher.bench_local(|| sums(threads, [&q, &dq, &ddq], &mut out));
 }
 

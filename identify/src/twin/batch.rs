@@ -218,23 +218,22 @@ impl<const N: usize, F: Lanes<N>> NullaryFnOnce for In<'_, N, F> {
             states: [q, dq, ddq],
             out,
         } = batch;
-        let [mut a, mut b, mut c, mut d, mut last] = [[0.0; BLOCK]; 5];
-        let mut places = Rows::places(simd, dq.block(0, &mut b));
+        let [mut a, mut b, mut c, mut end] = [[0.0; BLOCK]; 4];
+        let mut last = None;
         for (i, out) in out.chunks_mut(BLOCK).enumerate() {
             let from = i * BLOCK;
-            let (q, dq_now) = (q.block(from, &mut a), dq.block(from, &mut b));
-            let states = [q, dq_now, ddq.block(from, &mut c)];
-            let next = dq.block(from + BLOCK, &mut d);
+            let (q, dq) = (q.block(from, &mut a), dq.block(from, &mut b));
+            let states = [q, dq, ddq.block(from, &mut c)];
             match out.first_chunk_mut() {
-                Some(whole) => rows.efforts(simd, &mut places, states, next, whole),
+                Some(whole) => rows.efforts(simd, &mut last, states, whole),
                 None => {
-                    rows.efforts(simd, &mut places, states, next, &mut last);
-                    for (effort, last) in out.iter_mut().zip(last) {
-                        *effort = last;
+                    rows.efforts(simd, &mut last, states, &mut end);
+                    for (effort, end) in out.iter_mut().zip(end) {
+                        *effort = end;
                     }
                 }
             }
-            evaluator.add_named(q, dq_now, out);
+            evaluator.add_named(q, dq, out);
         }
     }
 }

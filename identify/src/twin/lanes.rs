@@ -17,8 +17,14 @@ pub(super) trait Lanes<const N: usize>: Copy {
     fn sub(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// a b + c
     fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
-    /// Square roots of the sizes.
-    fn root_of_size(self, a: Self::Vector) -> Self::Vector;
+    /// Square roots.
+    fn root(self, a: Self::Vector) -> Self::Vector;
+    /// Without signs.
+    fn size(self, a: Self::Vector) -> Self::Vector;
+    /// Bits that differ.
+    fn xor(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+    /// Whether a < b in all.
+    fn all_below(self, a: Self::Vector, b: Self::Vector) -> bool;
     /// The larger; the second where one is no number.
     fn max(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// The smaller; the second where one is no number.
@@ -84,8 +90,23 @@ impl Lanes<4> for Plain {
     }
 
     #[inline(always)]
-    fn root_of_size(self, a: [f64; 4]) -> [f64; 4] {
-        a.map(|a| a.abs().sqrt())
+    fn root(self, a: [f64; 4]) -> [f64; 4] {
+        a.map(|a| a.sqrt())
+    }
+
+    #[inline(always)]
+    fn size(self, a: [f64; 4]) -> [f64; 4] {
+        a.map(|a| a.abs())
+    }
+
+    #[inline(always)]
+    fn xor(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        Self::each(a, b, |a, b| f64::from_bits(a.to_bits() ^ b.to_bits()))
+    }
+
+    #[inline(always)]
+    fn all_below(self, a: [f64; 4], b: [f64; 4]) -> bool {
+        a[0] < b[0] && a[1] < b[1] && a[2] < b[2] && a[3] < b[3]
     }
 
     #[inline(always)]
@@ -157,8 +178,24 @@ impl Lanes<4> for pulp::x86::V3 {
     }
 
     #[inline(always)]
-    fn root_of_size(self, a: pulp::f64x4) -> pulp::f64x4 {
-        self.sqrt_f64x4(self.abs_f64x4(a))
+    fn root(self, a: pulp::f64x4) -> pulp::f64x4 {
+        self.sqrt_f64x4(a)
+    }
+
+    #[inline(always)]
+    fn size(self, a: pulp::f64x4) -> pulp::f64x4 {
+        self.abs_f64x4(a)
+    }
+
+    #[inline(always)]
+    fn xor(self, a: pulp::f64x4, b: pulp::f64x4) -> pulp::f64x4 {
+        self.xor_f64x4(a, b)
+    }
+
+    #[inline(always)]
+    fn all_below(self, a: pulp::f64x4, b: pulp::f64x4) -> bool {
+        let below = self.cmp_lt_f64x4(a, b);
+        self.avx._mm256_movemask_pd(pulp::cast(below)) == 0xf
     }
 
     #[inline(always)]
@@ -259,8 +296,23 @@ impl Lanes<8> for pulp::x86::V4 {
     }
 
     #[inline(always)]
-    fn root_of_size(self, a: pulp::f64x8) -> pulp::f64x8 {
-        self.sqrt_f64x8(self.abs_f64x8(a))
+    fn root(self, a: pulp::f64x8) -> pulp::f64x8 {
+        self.sqrt_f64x8(a)
+    }
+
+    #[inline(always)]
+    fn size(self, a: pulp::f64x8) -> pulp::f64x8 {
+        self.abs_f64x8(a)
+    }
+
+    #[inline(always)]
+    fn xor(self, a: pulp::f64x8, b: pulp::f64x8) -> pulp::f64x8 {
+        self.xor_f64x8(a, b)
+    }
+
+    #[inline(always)]
+    fn all_below(self, a: pulp::f64x8, b: pulp::f64x8) -> bool {
+        self.cmp_lt_f64x8(a, b).0 == 0xff
     }
 
     #[inline(always)]

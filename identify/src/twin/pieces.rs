@@ -113,12 +113,13 @@ impl Pieces {
 
     /// No mechanism: no effort anywhere.
     pub(super) fn nothing() -> Self {
-        let all = Pitch::new([0.0, 1.0], 1);
+        // One piece that no state leaves.
+        let all = Pitch::new([-1e6, 1e6], 1);
         Self {
             load_over: all,
             load: vec![[0.0; LOAD]],
             over_q: all,
-            over_root: all,
+            over_root: Pitch::new([0.0, 1e6], 1),
             damping: vec![[[0.0; OVER_Q]; OVER_SPEED]; 2],
             bends: Vec::new(),
         }

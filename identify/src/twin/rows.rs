@@ -6,13 +6,16 @@
 //! ```text
 //! effort        = sum over k = 0..3 of g_k u^k + sum over k = 0..2 of (a_k + b_k w) v^k dq + I ddq + b dq
 //! load's row    = g_0 g_1 g_2 g_3                 of a direction and a piece
-//! damping's row = a_0 a_1 a_2 0   b_0 b_1 b_2 0   of a direction and a piece over q and over the root
+//! damping's row = a_0 a_1 a_2 i   b_0 b_1 b_2 j   of a direction and the pieces i over q and j over the root
 //! ```
 //!
-//! with the constant load and the Coulomb friction of the direction in g_0. Both tables stay in the nearest cache beside the states
-//! that pass through it. Rows are loaded whole and worked with as they lie, and only the sums of as many states as a vector holds are turned into
-//! columns, where gathering a state's numbers one by one took most of the time. Places go through memory to the rows' numbers: out
-//! of a vector they would take its permutations. The roots are those of the next block, so that the divider works while rows are read.
+//! with the constant load and the Coulomb friction of the direction in g_0, and the viscous friction in a_0 where no valve bends the damping. Both
+//! tables stay in the nearest cache beside the states that pass through it.
+//!
+//! States that follow each other in time stay in a piece for dozens of samples: as long as a whole vector of them lies in the piece of the last one, its
+//! two rows stay in registers ([`Within`]). Anywhere else rows are loaded whole and worked with as they lie, and only the sums of as many states as a
+//! vector holds are turned into columns, where gathering a state's numbers one by one took most of the time. Places go through memory to the
+//! rows' numbers: out of a vector they would take its permutations.
 
 use super::Coordinate;
 use super::lanes::Lanes;
@@ -26,6 +29,9 @@ const LOADS: usize = 256;
 const CELLS: usize = 256;
 /// Above it a double has no fraction: to add it rounds, and leaves the whole number in the lowest bits; below it too.
 const WHOLE: f64 = 6_755_399_441_055_744.0;
+
+/// Begin of the first piece, a hair up so that it rounds into it and not to the nearest even number.
+const LOWEST: f64 = (-0.5_f64).next_up();
 
 /// What of a twin is no mechanism, in the recording's coordinate.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +98,7 @@ impl Along {
     #[inline(always)]
     fn of<const N: usize, F: Lanes<N>>(&self, simd: F, x: F::Vector) -> F::Vector {
         let along = simd.mul_add(x, simd.all(self.per_unit), simd.all(self.from));
-        let above = simd.max(simd.all(-0.5), along);
+        let above = simd.max(simd.all(LOWEST), along);
         simd.min(simd.all(self.top), above)
     }
 }
@@ -114,16 +120,49 @@ pub(super) struct Rows {
     coulomb: f64,
 }
 
-/// What the rows of a block are found and used by.
-pub(super) struct Places {
-    /// Indices of rows, in the lowest bits.
-    load: [f64; BLOCK],
-    cell: [f64; BLOCK],
-    u: [f64; BLOCK],
-    v: [f64; BLOCK],
-    w: [f64; BLOCK],
-    /// Of the speeds of the block that is next.
-    roots: [f64; BLOCK],
+/// A row of load and a row of damping, by their indices in the lowest bits: the piece that the last states lay in.
+pub(super) type Piece = [f64; 2];
+
+/// [`Piece`]'s rows, for states that lie in it.
+#[derive(Clone, Copy)]
+struct Within<V> {
+    /// Bits by which a forward rate differs from one of the piece's direction.
+    sign: V,
+    /// Per unit and from where, so that the piece goes from -1/2 to 1/2: load over q, damping over q and over the root.
+    u: [V; 2],
+    v: [V; 2],
+    w: [V; 2],
+    g: [V; 4],
+    a: [V; 3],
+    b: [V; 3],
+}
+
+impl<V: Copy> Within<V> {
+    /// Load with dry friction, and damping, at `N` states; nothing when one of them is not in the piece, or on its edge: at rest is one.
+    #[inline(always)]
+    fn at<const N: usize, F: Lanes<N, Vector = V>>(
+        &self,
+        simd: F,
+        q: V,
+        rate: V,
+    ) -> Option<(V, V)> {
+        let u = simd.mul_add(q, self.u[0], self.u[1]);
+        let v = simd.mul_add(q, self.v[0], self.v[1]);
+        // Of the other direction there is no root.
+        let root = simd.root(simd.xor(rate, self.sign));
+        let w = simd.mul_add(root, self.w[0], self.w[1]);
+        // Last what may be no number while the others are some: where the others are none, so are the efforts.
+        let most = simd.max(simd.max(simd.size(u), simd.size(v)), simd.size(w));
+        if !simd.all_below(most, simd.all(0.5)) {
+            return None;
+        }
+        let [g0, g1, g2, g3] = self.g;
+        let c0 = simd.mul_add(self.b[0], w, self.a[0]);
+        let c1 = simd.mul_add(self.b[1], w, self.a[1]);
+        let c2 = simd.mul_add(self.b[2], w, self.a[2]);
+        let load = simd.mul_add(simd.mul_add(simd.mul_add(g3, u, g2), u, g1), u, g0);
+        Some((load, simd.mul_add(simd.mul_add(c2, v, c1), v, c0)))
+    }
 }
 
 impl Rows {
@@ -136,6 +175,10 @@ impl Rows {
             .iter()
             .any(|pitch| !(1e-9..1e9).contains(&pitch.per_unit))
         {
+            return None;
+        }
+        // No root is below 0: rest is on the edge of its piece, or outside.
+        if pieces.over_root.low < 0.0 {
             return None;
         }
         let [loads, over_q, over_root] = pitches.map(Pitch::count);
@@ -151,6 +194,11 @@ impl Rows {
             });
         // Forward in the twin's coordinate may be backward in the recording's.
         let ways = if sign < 0.0 { [1, 0] } else { [0, 1] };
+        let unbent = if pieces.bends.is_empty() {
+            rest.viscous
+        } else {
+            0.0
+        };
         let damping = ways.into_iter().flat_map(|way| {
             let cells = pieces.damping.chunks(over_q * over_root).nth(way);
             cells
@@ -161,8 +209,10 @@ impl Rows {
                     let [a, b] = cell.each_ref().map(centred);
                     // The place over the root counts from the middle of the first piece.
                     let from = (k % over_root) as f64 - 0.5;
-                    let a = core::array::from_fn(|k| a[k] - from * b[k]);
-                    [a, b].map(|[c0, c1, c2]: [f64; 3]| [c0, c1, c2, 0.0])
+                    let [a0, a1, a2] = core::array::from_fn(|k| a[k] - from * b[k]);
+                    let [b0, b1, b2] = b;
+                    let at = [k / over_root, k % over_root].map(|at| at as f64);
+                    [[a0 + unbent, a1, a2, at[0]], [b0, b1, b2, at[1]]]
                 })
         });
         let bends = pieces.bends.iter().map(|[forward, backward]| {
@@ -189,122 +239,170 @@ impl Rows {
         })
     }
 
-    /// The places of a first block.
-    #[inline(always)]
-    pub(super) fn places<const N: usize, F: Lanes<N>>(simd: F, dq: &[f64; BLOCK]) -> Places {
-        let mut roots = [0.0; BLOCK];
-        for (root, dq) in lanes_of_mut::<N>(&mut roots).zip(lanes_of::<N>(dq)) {
-            simd.store(simd.root_of_size(simd.load(dq)), root);
-        }
-        let [load, cell, u, v, w] = [[0.0; BLOCK]; 5];
-        Places {
-            load,
-            cell,
-            u,
-            v,
-            w,
-            roots,
-        }
-    }
-
-    /// Writes the efforts at a block of states; `next` are the rates of the block after it.
+    /// Writes the efforts at a block of states; `last` is the piece of the states before them, and then of these.
     #[inline(always)]
     pub(super) fn efforts<const N: usize, F: Lanes<N>>(
         &self,
         simd: F,
-        places: &mut Places,
-        [q, dq, ddq]: [&[f64; BLOCK]; 3],
-        next: &[f64; BLOCK],
+        last: &mut Option<Piece>,
+        states: [&[f64; BLOCK]; 3],
         out: &mut [f64; BLOCK],
     ) {
-        self.place(simd, q, dq, places);
         if self.bends.is_empty() {
-            self.read::<N, F, false>(simd, places, [dq, ddq], next, out);
+            self.block::<N, F, false>(simd, last, states, out);
         } else {
-            self.read::<N, F, true>(simd, places, [dq, ddq], next, out);
+            self.block::<N, F, true>(simd, last, states, out);
         }
     }
 
     #[inline(always)]
-    fn place<const N: usize, F: Lanes<N>>(
+    fn block<const N: usize, F: Lanes<N>, const BENT: bool>(
         &self,
         simd: F,
-        q: &[f64; BLOCK],
-        dq: &[f64; BLOCK],
-        places: &mut Places,
-    ) {
-        let [loads, over_q, over_root] = self.counts;
-        let (forward, of_load) = (simd.all(WHOLE), simd.all(WHOLE + loads));
-        let of_damping = simd.all(WHOLE + over_q * over_root);
-        let over_root = simd.all(over_root);
-        let found = lanes_of_mut::<N>(&mut places.load).zip(lanes_of_mut::<N>(&mut places.cell));
-        let within = lanes_of_mut::<N>(&mut places.u).zip(lanes_of_mut::<N>(&mut places.v));
-        let roots = lanes_of_mut::<N>(&mut places.w).zip(lanes_of::<N>(&places.roots));
-        let states = lanes_of::<N>(q).zip(lanes_of::<N>(dq));
-        for ((((load, cell), (u, v)), (w, root)), (q, dq)) in
-            found.zip(within).zip(roots).zip(states)
-        {
-            let (q, dq) = (simd.load(q), simd.load(dq));
-            let along = self.load_over.of(simd, q);
-            let i = rounded(simd, along);
-            simd.store(simd.sub(along, i), u);
-            let way = simd.if_below(dq, of_load, forward);
-            simd.store(simd.add(i, way), load);
-            let along = self.over_q.of(simd, q);
-            let i = rounded(simd, along);
-            simd.store(simd.sub(along, i), v);
-            let along = self.over_root.of(simd, simd.load(root));
-            simd.store(along, w);
-            let way = simd.if_below(dq, of_damping, forward);
-            let first = simd.mul_add(i, over_root, way);
-            simd.store(simd.add(rounded(simd, along), first), cell);
-        }
-    }
-
-    #[inline(always)]
-    fn read<const N: usize, F: Lanes<N>, const BENT: bool>(
-        &self,
-        simd: F,
-        places: &mut Places,
-        [dq, ddq]: [&[f64; BLOCK]; 2],
-        next: &[f64; BLOCK],
+        last: &mut Option<Piece>,
+        [q, dq, ddq]: [&[f64; BLOCK]; 3],
         out: &mut [f64; BLOCK],
     ) {
-        let (inertia, viscous) = (simd.all(self.inertia), simd.all(self.viscous));
-        let not_at_rest = simd.all(-self.coulomb);
-        let found = lanes_of::<N>(&places.load).zip(lanes_of::<N>(&places.cell));
-        let within = lanes_of::<N>(&places.u)
-            .zip(lanes_of::<N>(&places.v))
-            .zip(lanes_of::<N>(&places.w));
-        let states = lanes_of::<N>(dq)
-            .zip(lanes_of::<N>(ddq))
-            .zip(lanes_of::<N>(next));
-        let after = lanes_of_mut::<N>(&mut places.roots).zip(lanes_of_mut::<N>(out));
-        for ((((load, cell), ((u, v), w)), ((dq, ddq), next)), (root, out)) in
-            found.zip(within).zip(states).zip(after)
-        {
-            simd.store(simd.root_of_size(simd.load(next)), root);
-            let mut loads = [self.load.row(load[0]); N];
-            let mut cells = [self.damping.row(cell[0]); N];
-            for k in 1..N {
-                loads[k] = self.load.row(load[k]);
-                cells[k] = self.damping.row(cell[k]);
-            }
-            let [g0, g1, g2, g3] = simd.columns(loads);
-            let [c0, c1, c2] = simd.mixed_columns(cells, w);
-            let (u, v) = (simd.load(u), simd.load(v));
-            let load = simd.mul_add(simd.mul_add(simd.mul_add(g3, u, g2), u, g1), u, g0);
-            let share = simd.mul_add(simd.mul_add(c2, v, c1), v, c0);
-            let rate = simd.load(dq);
-            let rest = simd.mul_add(simd.load(ddq), inertia, simd.if_zero(rate, not_at_rest));
-            let rest = simd.add(simd.mul_add(rate, viscous, rest), load);
-            let effort = if BENT {
-                simd.add(rest, self.bent(simd, share, rate))
-            } else {
-                simd.mul_add(share, rate, rest)
+        let [q, dq, ddq] = [q.as_chunks().0, dq.as_chunks().0, ddq.as_chunks().0];
+        let mut vectors = q.iter().zip(dq).zip(ddq).zip(out.as_chunks_mut().0);
+        // A loop within a piece, so that its rows stay in registers, and a step elsewhere.
+        loop {
+            #[allow(
+                clippy::manual_map,
+                reason = "a closure would be compiled for less than the processor has"
+            )]
+            let within = match *last {
+                Some(piece) => Some(self.within(simd, piece)),
+                None => None,
             };
-            simd.store(effort, out);
+            loop {
+                let Some((((q, dq), ddq), out)) = vectors.next() else {
+                    return;
+                };
+                let (q, rate) = (simd.load(q), simd.load(dq));
+                let there = match &within {
+                    Some(within) => within.at(simd, q, rate),
+                    None => None,
+                };
+                let is_there = there.is_some();
+                let (load, share) = match there {
+                    Some(found) => found,
+                    None => self.anywhere(simd, q, rate, last),
+                };
+                self.write::<N, F, BENT>(simd, [load, share, rate], ddq, out);
+                if !is_there {
+                    break;
+                }
+            }
         }
+    }
+
+    #[inline(always)]
+    fn within<const N: usize, F: Lanes<N>>(
+        &self,
+        simd: F,
+        [load, cell]: Piece,
+    ) -> Within<F::Vector> {
+        let (g, [a, b]) = (self.load.row(load), self.damping.row(cell));
+        let [loads, ..] = self.counts;
+        let at = load - WHOLE;
+        let (backward, at) = if at < loads {
+            (false, at)
+        } else {
+            (true, at - loads)
+        };
+        let (over_q, over_root) = (a[3], b[3]);
+        Within {
+            sign: simd.all(if backward { -0.0 } else { 0.0 }),
+            u: [
+                simd.all(self.load_over.per_unit),
+                simd.all(self.load_over.from - at),
+            ],
+            v: [
+                simd.all(self.over_q.per_unit),
+                simd.all(self.over_q.from - over_q),
+            ],
+            w: [
+                simd.all(self.over_root.per_unit),
+                simd.all(self.over_root.from - over_root),
+            ],
+            g: [
+                simd.all(g[0]),
+                simd.all(g[1]),
+                simd.all(g[2]),
+                simd.all(g[3]),
+            ],
+            // From the middle of this piece over the root.
+            a: [
+                simd.all(a[0] + over_root * b[0]),
+                simd.all(a[1] + over_root * b[1]),
+                simd.all(a[2] + over_root * b[2]),
+            ],
+            b: [simd.all(b[0]), simd.all(b[1]), simd.all(b[2])],
+        }
+    }
+
+    /// As [`Within::at`] of states in any pieces; `last` becomes that of the last two of them, when that is one.
+    #[inline(always)]
+    fn anywhere<const N: usize, F: Lanes<N>>(
+        &self,
+        simd: F,
+        q: F::Vector,
+        rate: F::Vector,
+        last: &mut Option<Piece>,
+    ) -> (F::Vector, F::Vector) {
+        let [loads, over_q, over_root] = self.counts;
+        let forward = simd.all(WHOLE);
+        let mut places = [[0.0; N]; 3];
+        let [at_load, at_cell, at_w] = &mut places;
+        let along = self.load_over.of(simd, q);
+        let way = simd.if_below(rate, simd.all(WHOLE + loads), forward);
+        // To add the whole rounds.
+        let load = simd.add(along, way);
+        let u = simd.sub(along, simd.sub(load, way));
+        let along = self.over_q.of(simd, q);
+        let i = rounded(simd, along);
+        let v = simd.sub(along, i);
+        let w = self.over_root.of(simd, simd.root(simd.size(rate)));
+        let way = simd.if_below(rate, simd.all(WHOLE + over_q * over_root), forward);
+        let cell = simd.add(simd.mul_add(i, simd.all(over_root), way), w);
+        simd.store(load, at_load);
+        simd.store(cell, at_cell);
+        simd.store(w, at_w);
+        let mut loads = [self.load.row(at_load[0]); N];
+        let mut cells = [self.damping.row(at_cell[0]); N];
+        for k in 1..N {
+            loads[k] = self.load.row(at_load[k]);
+            cells[k] = self.damping.row(at_cell[k]);
+        }
+        let [g0, g1, g2, g3] = simd.columns(loads);
+        let [c0, c1, c2] = simd.mixed_columns(cells, at_w);
+        let load = simd.mul_add(simd.mul_add(simd.mul_add(g3, u, g2), u, g1), u, g0);
+        let load = simd.add(load, simd.if_zero(rate, simd.all(-self.coulomb)));
+        // Where the last two lie in one piece, the next may, too: not so in states of no order.
+        let piece = |k: usize| [at_load[k], at_cell[k]];
+        let is_one = piece(N - 2).map(f64::to_bits) == piece(N - 1).map(f64::to_bits);
+        *last = is_one.then_some(piece(N - 1));
+        (load, simd.mul_add(simd.mul_add(c2, v, c1), v, c0))
+    }
+
+    /// Writes the efforts at `N` states by load, damping and rate.
+    #[inline(always)]
+    fn write<const N: usize, F: Lanes<N>, const BENT: bool>(
+        &self,
+        simd: F,
+        [load, share, rate]: [F::Vector; 3],
+        ddq: &[f64; N],
+        out: &mut [f64; N],
+    ) {
+        let rest = simd.mul_add(simd.load(ddq), simd.all(self.inertia), load);
+        let effort = if BENT {
+            let rest = simd.mul_add(rate, simd.all(self.viscous), rest);
+            simd.add(rest, self.bent(simd, share, rate))
+        } else {
+            simd.mul_add(share, rate, rest)
+        };
+        simd.store(effort, out);
     }
 
     /// What a valve makes of `share dq`.
@@ -333,16 +431,6 @@ impl Rows {
 fn rounded<const N: usize, F: Lanes<N>>(simd: F, x: F::Vector) -> F::Vector {
     let whole = simd.all(WHOLE);
     simd.sub(simd.add(x, whole), whole)
-}
-
-#[inline(always)]
-fn lanes_of<const N: usize>(block: &[f64; BLOCK]) -> impl Iterator<Item = &[f64; N]> {
-    block.as_chunks().0.iter()
-}
-
-#[inline(always)]
-fn lanes_of_mut<const N: usize>(block: &mut [f64; BLOCK]) -> impl Iterator<Item = &mut [f64; N]> {
-    block.as_chunks_mut().0.iter_mut()
 }
 
 /// The powers of u from -1/2 to 1/2 of those from 0 to 1.
@@ -380,12 +468,10 @@ mod tests {
         type Output = [f64; BLOCK];
 
         fn call(self) -> [f64; BLOCK] {
-            let mut out = [0.0; BLOCK];
-            let [_, dq, _] = self.states;
-            let mut places = Rows::places(self.simd, dq);
+            let (mut out, mut last) = ([0.0; BLOCK], None);
             for _ in 0..2 {
                 self.rows
-                    .efforts(self.simd, &mut places, self.states, dq, &mut out);
+                    .efforts(self.simd, &mut last, self.states, &mut out);
             }
             out
         }
@@ -416,6 +502,7 @@ mod tests {
             seed: u64, load in (1_usize..21, 0_usize..4), over_q in (1_usize..13, 0_usize..3), over_root in (1_usize..4, 0_usize..2),
             end_of_damping in 0.5..1.5_f64,
             bends in (0_usize..3, 0_usize..3), reversed: bool, offset in -2.0..2.0_f64,
+            spread in prop_oneof![Just(1.0), Just(0.1), Just(0.01)],
             states in proptest::collection::vec((-0.6..1.4_f64, -3.0..3.0_f64, -5.0..5.0_f64), BLOCK),
         ) {
             let counts = [load.0, over_q.0, over_root.0];
@@ -424,7 +511,9 @@ mod tests {
             let sign = if reversed { -1.0 } else { 1.0 };
             let rows = Rows::of(Some(&pieces), REST, Coordinate { sign, offset }).unwrap();
             let of = |i: usize| core::array::from_fn(|k| {
-                let (q, dq, ddq) = states[k];
+                // Close to the first: most of them in its piece.
+                let close = |of: fn(&(f64, f64, f64)) -> f64| of(&states[0]) + spread * (of(&states[k]) - of(&states[0]));
+                let (q, dq, ddq) = (close(|s| s.0), close(|s| s.1), states[k].2);
                 // Rest too, and both ends.
                 let (q, dq) = match k { 0 => (q, 0.0), 1 => (1.0, dq), 2 => (-0.2, dq), 3 => (q, -0.0), _ => (q, dq) };
                 [sign * q + offset, sign * dq, sign * ddq][i]
@@ -439,6 +528,43 @@ mod tests {
                     prop_assert!((found[k] - wanted).abs() < 1e-9 * wanted.abs().max(1.0), "{k}: {} {wanted}", found[k]);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn only_what_lies_in_a_piece_is_of_it() {
+        let pieces = Pieces::of(&over([[0.0, 1.0]; 2], 3, [10, 5, 2], [3, 2, 1], [0, 0]));
+        for (sign, offset) in [(1.0, 0.0), (-1.0, 0.3)] {
+            let rows = Rows::of(Some(&pieces), REST, Coordinate { sign, offset }).unwrap();
+            let mut last = None;
+            let of = |q: f64| sign * q + offset;
+            let load = |q: f64, rate: f64, last: &mut Option<Piece>| {
+                rows.anywhere(Plain, [of(q); 4], [rate; 4], last)
+            };
+            // The middle of a piece over q, 0.45, is not one of damping's, 0.5.
+            let wanted = load(0.45, -0.5, &mut last);
+            let within = rows.within(Plain, last.unwrap());
+            let found = within.at(Plain, [of(0.45); 4], [-0.5; 4]).unwrap();
+            for (found, wanted) in [(found.0, wanted.0), (found.1, wanted.1)] {
+                assert!((found[0] - wanted[0]).abs() < 1e-12, "{found:?} {wanted:?}");
+            }
+            let mut beside = [of(0.45); 4];
+            assert!(within.at(Plain, beside, [-0.6; 4]).is_some());
+            beside[3] = of(0.51);
+            assert!(within.at(Plain, beside, [-0.5; 4]).is_none());
+            for rate in [0.5, 0.0, -0.0, -0.4, -2.0, f64::NAN] {
+                let rates = [-0.5, -0.5, rate, -0.5];
+                assert!(within.at(Plain, [of(0.45); 4], rates).is_none(), "{rate}");
+            }
+            assert!(within.at(Plain, [f64::INFINITY; 4], [-0.5; 4]).is_none());
+            // Of states in no order none is kept.
+            rows.anywhere(
+                Plain,
+                [of(0.1), of(0.2), of(0.3), of(0.6)],
+                [0.5; 4],
+                &mut last,
+            );
+            assert!(last.is_none());
         }
     }
 
