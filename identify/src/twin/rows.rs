@@ -379,9 +379,9 @@ impl Rows {
         let [c0, c1, c2] = simd.mixed_columns(cells, at_w);
         let load = simd.mul_add(simd.mul_add(simd.mul_add(g3, u, g2), u, g1), u, g0);
         let load = simd.add(load, simd.if_zero(rate, simd.all(-self.coulomb)));
-        // Where the last two lie in one piece, the next may, too: not so in states of no order.
+        // Where the last two lie in one piece, the next may, too: not so in states of no order. What is no number lies in none.
         let piece = |k: usize| [at_load[k], at_cell[k]];
-        let is_one = piece(N - 2).map(f64::to_bits) == piece(N - 1).map(f64::to_bits);
+        let is_one = piece(N - 2) == piece(N - 1);
         *last = is_one.then_some(piece(N - 1));
         (load, simd.mul_add(simd.mul_add(c2, v, c1), v, c0))
     }
