@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, NamedEffect, Refused, add_stiction, beside_rigid,
-    confirm, diagnose_rid_of_slips, evidence, floor_of, others_rid_of_slips, shown, state_spread,
-    take_from_both,
+    Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, add_stiction,
+    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, others_rid_of_slips, shown,
+    state_spread, take_from_both,
 };
 use crate::dynamics::{
-    DynamicsError, EffortModel, JointFit, Structure, align, fit_base, fit_jointly, fit_parametric,
-    structure,
+    Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, fit_jointly,
+    fit_parametric, structure,
 };
 use crate::effect::BiasDrift;
 use crate::effect::library::Belongs;
@@ -32,9 +32,9 @@ use crate::screw::JointKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The held-out residual is at the noise floor.
+    /// The held-out residual is at the noise floor, and as noise is, which a recipe as it was published is not asked for: it does not come in bursts.
     Explained,
-    /// Structure remains.
+    /// More than noise remains, or it comes in bursts.
     Unexplained,
     /// The data cannot tell.
     NotIdentifiable,
@@ -82,6 +82,8 @@ pub struct Analysis {
     pub floor: NoiseFloor,
     /// Against what the full model's residual stands, strongest first.
     pub structure: Vec<Structure>,
+    /// How what the named effects leave, which is at the noise floor, comes in bursts, where it does: the verdict is `unexplained` for that.
+    pub bursts: Option<Bursts>,
     /// The verdict.
     pub verdict: Verdict,
     /// What is neither modelled nor noise, as a share of the effort (amplitudes): sqrt(held_out^2 - floor^2) / rms(tau).
@@ -111,7 +113,7 @@ impl Analysis {
 
 /// Up to so many times the floor no rivals are tried and no name is doubted. The verdict asks for a little less.
 pub const EXPLAINED_BELOW: f64 = 1.15;
-/// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
+/// The floor is estimated to a few percent: up to so many times the estimate a residual that does not come in bursts is `explained`.
 pub(crate) const SURELY_BELOW: f64 = 1.12;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
@@ -156,6 +158,14 @@ pub fn analyse_confirmed(
     if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;
     }
+    // What is below the digits of a file is arithmetic, and no noise to compare with.
+    let is_noise = floor.rms > LEAST_FLOOR * rms(&tau);
+    let bursts = (verdict == Verdict::Explained && is_noise)
+        .then(|| bursts(motion, &named.residual, named.effective_samples))
+        .flatten();
+    if bursts.is_some() {
+        verdict = Verdict::Unexplained;
+    }
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
     let (low, high) = samples.q_range();
     let at =
@@ -166,6 +176,7 @@ pub fn analyse_confirmed(
         q_range: [low, high],
         structure: structure(motion, &named.residual, named.effective_samples),
         lag,
+        bursts,
         verdict,
         unexplained_fraction,
         settings: *settings,

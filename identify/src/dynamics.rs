@@ -6,6 +6,7 @@
 //! as the paper does, does not.
 
 mod attenuation;
+mod bursts;
 mod design;
 mod joint;
 mod left_out;
@@ -14,6 +15,7 @@ mod structure;
 mod turns;
 mod valved;
 
+pub use bursts::{Bursts, bursts};
 pub use joint::JointFit;
 pub(crate) use left_out::covariance_of_columns;
 pub(crate) use shaped::{Shaped, fit_shapes, model_with};

@@ -13,7 +13,7 @@ use serde::Serialize;
 use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
 use crate::digits::figure;
-use crate::dynamics::{EffortModel, JointFit, Structure, Term};
+use crate::dynamics::{Bursts, EffortModel, JointFit, Structure, Term};
 use crate::effect::library::kind;
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
@@ -204,6 +204,9 @@ pub struct Final {
     pub noise_floor_rms: Option<f64>,
     /// Share of the effort that is neither modelled nor noise.
     pub unexplained_fraction: Option<f64>,
+    /// How what the named effects leave comes in bursts, where the verdict is `unexplained` for that alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bursts: Option<Bursts>,
     /// The verdict.
     pub verdict: Verdict,
     /// Condition of the parametric regressor.
@@ -308,6 +311,7 @@ impl Report {
                 confirm_share: Vec::new(),
                 noise_floor_rms: None,
                 unexplained_fraction: None,
+                bursts: None,
                 verdict: Verdict::NotIdentifiable,
                 condition: None,
                 rank: None,
@@ -359,6 +363,7 @@ impl Report {
             confirm_share: analysis.confirmed.iter().map(|c| c.share).collect(),
             noise_floor_rms: Some(analysis.floor.rms),
             unexplained_fraction: Some(analysis.unexplained_fraction),
+            bursts: analysis.bursts.clone(),
             verdict: analysis.verdict,
             condition: Some(full.condition),
             rank: Some(full.rank),

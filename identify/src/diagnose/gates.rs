@@ -107,6 +107,16 @@ impl State {
         passes.then(|| (entry.clone(), p_value(entry, seen)))
     }
 
+    /// The best load, when there is one that passes every gate.
+    pub(super) fn passing_load(&self, seen: &Look) -> Option<(Ranked, f64)> {
+        let passes = |entry: &&Ranked| is_load(entry.kind) && self.why_not(entry, seen).is_none();
+        let entry = seen.ranked.iter().find(passes)?;
+        let first = self.before_places(entry, seen);
+        let load = first.unwrap_or_else(|| entry.clone());
+        let p_value = p_value(&load, seen);
+        Some((load, p_value))
+    }
+
     /// A load over the whole range that a joint which lies shows before one that sits at a place: beside a weight that no strut
     /// holds yet, a far-reaching magnet or a wide notch would do for a strut.
     fn before_places(&self, choice: &Ranked, seen: &Look) -> Option<Ranked> {

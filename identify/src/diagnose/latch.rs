@@ -5,7 +5,6 @@ use super::model::Found;
 use super::search::State;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Scope, kind};
-use crate::least_squares::FitError;
 
 /// A damper's edge this close to an end of the travel, as a share of the range, may be what a catch does there.
 const NEAR_END: f64 = 0.15;
@@ -42,17 +41,10 @@ impl State {
             trials.push(None);
         }
         for wider in trials {
-            let as_was = self.as_is();
-            match self.latched(wider, catch) {
-                Ok(true) => {
-                    self.given_up.clear();
-                    return self.search();
-                }
-                // One that reaches the end may be the same as another one: then there is no fit, and nothing is gained.
-                Ok(false) | Err(DynamicsError::Fit(FitError::RankDeficient { .. })) => {
-                    self.put_back(as_was);
-                }
-                Err(error) => return Err(error),
+            // One that reaches the end may be the same as another one: then there is no fit, and nothing is gained.
+            if self.tried(|state| state.latched(wider, catch))? {
+                self.given_up.clear();
+                return self.search();
             }
         }
         Ok(())

@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
+use super::confirm::shown;
+use super::dampers::is_damper;
 use super::finish::fit_named;
 use super::gates::{gives, limit};
 use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
@@ -88,6 +90,8 @@ pub struct Diagnosis {
 pub(super) const RIVAL_BELOW: f64 = 0.95;
 /// A named load does as well as a curve when the whole model errs no more than so many times as much.
 const AS_WELL: f64 = 1.05;
+/// So many loads in the place of dampers are tried before a curve.
+const LOADS_FOR_A_CURVE: usize = 2;
 /// What is left is all a load when a curve leaves this share of its square above the floor.
 const OF_A_LOAD: f64 = 0.05;
 /// An addition after which the same effects are there as before was worth it when the error fell below so many times what it was.
@@ -97,7 +101,7 @@ pub(super) const MUCH: f64 = 2.0;
 const REPLICATES: usize = 40;
 pub(super) const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
-const LEAST_FLOOR: f64 = 1.5e-3;
+pub(crate) const LEAST_FLOOR: f64 = 1.5e-3;
 /// A floor that is read off the position's own motion and is this share of what I, mu, b leave is compared with what more leaves.
 const DOUBTED: f64 = 0.3;
 /// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
@@ -268,6 +272,19 @@ impl State {
         self.level = as_was.level;
     }
 
+    /// Whether a trial that leaves the samples as they are came off; all is as it was otherwise, as where the motion does not show its effects apart.
+    pub(super) fn tried(
+        &mut self,
+        trial: impl FnOnce(&mut Self) -> Result<bool, DynamicsError>,
+    ) -> Result<bool, DynamicsError> {
+        let as_was = self.as_is();
+        let came_off = shown(trial(self))?.unwrap_or(false);
+        if !came_off {
+            self.put_back(as_was);
+        }
+        Ok(came_off)
+    }
+
     /// The columns of the model, and what each candidate does beside them and by chance; the floor is estimated anew.
     pub(super) fn survey(&mut self) -> Result<Option<(Columns, Look)>, DynamicsError> {
         let found = self.found();
@@ -404,7 +421,6 @@ impl State {
         choice: Option<&(Ranked, f64)>,
         seen: &Look,
     ) -> Result<bool, DynamicsError> {
-        let before = self.effects.len();
         let is_there = |found: &Found| is_smooth_load(found.kind) || found.kind.name == "catch";
         let loaded = self.effects.iter().any(|(found, _)| is_there(found));
         let left = seen.mse.sqrt() > EXPLAINED_BELOW * self.floor.rms;
@@ -429,18 +445,7 @@ impl State {
         if score <= best.max(limit(&seen.chance)) {
             return Ok(false);
         }
-        let as_was = self.as_is();
-        let as_well = AS_WELL * with.mse.sqrt();
-        if let Some((choice, p_value)) = choice.filter(|(choice, _)| is_load(choice.kind)) {
-            self.add_best(choice, *p_value, seen)?;
-            if self.error()? > as_well {
-                self.add_another_load()?;
-            }
-            if self.error()? > as_well {
-                self.put_back(as_was);
-            }
-        }
-        if self.effects.len() == before {
+        if !self.by_loads(choice, AS_WELL * with.mse.sqrt(), seen)? {
             self.ground.curve = curve;
             self.given_up.clear();
         }
@@ -448,19 +453,58 @@ impl State {
         Ok(true)
     }
 
-    /// Adds what comes next where that is a load of the library.
-    fn add_another_load(&mut self) -> Result<(), DynamicsError> {
-        if self.effects.len() >= MOST_EFFECTS {
-            return Ok(());
-        }
-        let seen = self.survey()?.map(|(_, seen)| seen);
-        let next = seen.as_ref().and_then(|seen| self.next(seen));
-        if let (Some(seen), Some((next, p_value))) = (&seen, next)
-            && is_load(next.kind)
+    /// Whether loads of the library do as well as a curve, which are then in the model: the choice with one more, or a few in the place of the
+    /// dampers, which take up what loads they can where no load fits yet.
+    fn by_loads(
+        &mut self,
+        choice: Option<&(Ranked, f64)>,
+        as_well: f64,
+        seen: &Look,
+    ) -> Result<bool, DynamicsError> {
+        if let Some((choice, p_value)) = choice.filter(|(choice, _)| is_load(choice.kind))
+            && self.tried(|state| {
+                state.add_best(choice, *p_value, seen)?;
+                Ok(state.error()? <= as_well || state.add_a_load()? && state.error()? <= as_well)
+            })?
         {
-            self.add_best(&next, p_value, seen)?;
+            return Ok(true);
         }
-        Ok(())
+        self.tried(|state| state.loads_for_dampers(as_well))
+    }
+
+    fn loads_for_dampers(&mut self, as_well: f64) -> Result<bool, DynamicsError> {
+        let before = self.effects.len();
+        self.effects.retain(|(found, _)| !is_damper(found.kind));
+        if self.effects.len() == before {
+            return Ok(false);
+        }
+        // Beside those they may have been superfluous.
+        self.given_up.clear();
+        for _ in 0..LOADS_FOR_A_CURVE {
+            if !self.add_a_load()? {
+                break;
+            }
+            if self.error()? <= as_well {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Adds what comes next where that is a load of the library, and else the best load that passes; whether there was one.
+    fn add_a_load(&mut self) -> Result<bool, DynamicsError> {
+        if self.effects.len() >= MOST_EFFECTS {
+            return Ok(false);
+        }
+        let Some((_, seen)) = self.survey()? else {
+            return Ok(false);
+        };
+        let next = self.next(&seen).filter(|(next, _)| is_load(next.kind));
+        let Some((load, p_value)) = next.or_else(|| self.passing_load(&seen)) else {
+            return Ok(false);
+        };
+        self.add_best(&load, p_value, &seen)?;
+        Ok(true)
     }
 
     /// Shifts the effort by the lag, again until it stays.

@@ -145,6 +145,7 @@ pub fn identify_published(
         lag: None,
         floor,
         structure: Vec::<Structure>::new(),
+        bursts: None,
         verdict,
         unexplained_fraction,
         settings: MotionSettings {

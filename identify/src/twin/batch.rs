@@ -32,7 +32,7 @@ pub struct LengthError {
 
 impl Evaluator {
     /// Writes the efforts at as many states as `out` has room for, as [`Self::effort`] gives them one by one, in vectors and without
-    /// allocation. The states may be cut and given to several threads.
+    /// allocation. The states may be cut and given to several threads: where they are cut the last digits may differ.
     ///
     /// # Errors
     /// [`LengthError`]: an array is longer or shorter than `out`, which is left as it was.

@@ -111,7 +111,7 @@ impl Pieces {
         }
     }
 
-    /// No mechanism: no effort anywhere.
+    /// No mechanism: no effort anywhere, but of what is no number.
     pub(super) fn nothing() -> Self {
         // One piece that no state leaves.
         let all = Pitch::new([-1e6, 1e6], 1);

@@ -13,7 +13,7 @@
 //! tables stay in the nearest cache beside the states that pass through it.
 //!
 //! States that follow each other in time stay in a piece for dozens of samples: as long as a whole vector of them lies in the piece of the last one, its
-//! two rows stay in registers ([`Within`]). Anywhere else rows are loaded whole and worked with as they lie, and only the sums of as many states as a
+//! two rows stay at hand ([`Within`]), in registers where there are 32 of them, as with AVX-512. Anywhere else rows are loaded whole and worked with as they lie, and only the sums of as many states as a
 //! vector holds are turned into columns, where gathering a state's numbers one by one took most of the time. Places go through memory to the
 //! rows' numbers: out of a vector they would take its permutations.
 
@@ -29,9 +29,6 @@ const LOADS: usize = 256;
 const CELLS: usize = 256;
 /// Above it a double has no fraction: to add it rounds, and leaves the whole number in the lowest bits; below it too.
 const WHOLE: f64 = 6_755_399_441_055_744.0;
-
-/// Begin of the first piece, a hair up so that it rounds into it and not to the nearest even number.
-const LOWEST: f64 = (-0.5_f64).next_up();
 
 /// What of a twin is no mechanism, in the recording's coordinate.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +95,7 @@ impl Along {
     #[inline(always)]
     fn of<const N: usize, F: Lanes<N>>(&self, simd: F, x: F::Vector) -> F::Vector {
         let along = simd.mul_add(x, simd.all(self.per_unit), simd.all(self.from));
-        let above = simd.max(simd.all(LOWEST), along);
+        let above = simd.max(simd.all(-0.5), along);
         simd.min(simd.all(self.top), above)
     }
 }
@@ -355,17 +352,18 @@ impl Rows {
         let forward = simd.all(WHOLE);
         let mut places = [[0.0; N]; 3];
         let [at_load, at_cell, at_w] = &mut places;
+        // Rounded before the direction comes in: between two pieces it is the same one in both.
         let along = self.load_over.of(simd, q);
+        let i = rounded(simd, along);
+        let u = simd.sub(along, i);
         let way = simd.if_below(rate, simd.all(WHOLE + loads), forward);
-        // To add the whole rounds.
-        let load = simd.add(along, way);
-        let u = simd.sub(along, simd.sub(load, way));
+        let load = simd.add(i, way);
         let along = self.over_q.of(simd, q);
         let i = rounded(simd, along);
         let v = simd.sub(along, i);
         let w = self.over_root.of(simd, simd.root(simd.size(rate)));
         let way = simd.if_below(rate, simd.all(WHOLE + over_q * over_root), forward);
-        let cell = simd.add(simd.mul_add(i, simd.all(over_root), way), w);
+        let cell = simd.add(simd.mul_add(i, simd.all(over_root), way), rounded(simd, w));
         simd.store(load, at_load);
         simd.store(cell, at_cell);
         simd.store(w, at_w);
@@ -583,6 +581,90 @@ mod tests {
         assert!(fits([0.0, 1.0], [20, CELLS / 8, 4]));
         assert!(!fits([0.0, 1.0], [20, CELLS / 8 + 1, 4]));
         assert!(!fits([0.0, 1e-12], [20, 12, 3]));
+    }
+
+    /// At rest a root from below 0 on would lie in the middle of a piece, whose rows are of one direction.
+    #[test]
+    fn roots_from_below_nothing_on_have_no_rows() {
+        let mut pieces = Pieces::of(&over([[0.0, 1.0]; 2], 1, [20, 12, 3], [3, 2, 1], [0, 0]));
+        let coordinate = Coordinate {
+            sign: 1.0,
+            offset: 0.0,
+        };
+        assert!(Rows::of(Some(&pieces), REST, coordinate).is_some());
+        pieces.over_root.low = -0.1;
+        assert!(Rows::of(Some(&pieces), REST, coordinate).is_none());
+    }
+
+    /// Between two steps both directions are on the same as one state by itself.
+    #[test]
+    fn between_two_steps_efforts_are_those_one_by_one() {
+        let mut pieces = Pieces::of(&over([[0.0, 1.0]; 2], 7, [5, 5, 3], [0, 0, 0], [0, 0]));
+        (pieces.over_root.low, pieces.over_root.per_unit) = (0.0, 2.0);
+        let rest = Rest {
+            inertia: 0.0,
+            coulomb: 0.0,
+            viscous: 0.0,
+            load: 0.0,
+        };
+        let coordinate = Coordinate {
+            sign: 1.0,
+            offset: 0.0,
+        };
+        let rows = Rows::of(Some(&pieces), rest, coordinate).unwrap();
+        let q: [f64; BLOCK] = core::array::from_fn(|k| [0.1, 0.2, 0.4, 0.8, 1.0][k % 5]);
+        // Roots of 1/2 and 1.
+        for rate in [0.25, 1.0, -0.25, -1.0] {
+            for found in efforts(&rows, [&q, &[rate; BLOCK], &[0.0; BLOCK]]) {
+                for (found, q) in found.iter().zip(q) {
+                    let wanted = pieces.effort(q, rate);
+                    assert!(
+                        (found - wanted).abs() < 1e-12,
+                        "{q} {rate}: {found} {wanted}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// A vector of what is no number is in no piece, whatever its bits: what comes after it is what it is.
+    #[test]
+    fn what_is_no_number_does_not_spread() {
+        let pieces = Pieces::of(&over([[0.0, 1.0]; 2], 5, [20, 12, 3], [3, 2, 1], [0, 0]));
+        let (none, all) = (Pieces::nothing(), [1.0, -1.0]);
+        for (pieces, sign) in all
+            .iter()
+            .flat_map(|sign| [(&pieces, *sign), (&none, *sign)])
+        {
+            let coordinate = Coordinate { sign, offset: 0.2 };
+            let rows = Rows::of(Some(pieces), REST, coordinate).unwrap();
+            let q = core::array::from_fn(|k| sign * (0.3 + 1e-3 * k as f64) + 0.2);
+            for rate in [0.3, -0.3] {
+                let rates = [rate; BLOCK];
+                let wanted = efforts(&rows, [&q, &rates, &[0.5; BLOCK]]);
+                for bits in [
+                    f64::NAN.to_bits(),
+                    f64::NAN.to_bits() | 0x1234_5678,
+                    u64::MAX,
+                    1 << 63 | f64::NAN.to_bits(),
+                ] {
+                    // Before and after states that are some.
+                    for hole in [0..16, 8..24] {
+                        let (mut holed_q, mut holed_rates) = (q, rates);
+                        holed_q[hole.clone()].fill(f64::from_bits(bits));
+                        holed_rates[hole.clone()].fill(f64::from_bits(bits));
+                        for [q, rates] in [[&holed_q, &rates], [&q, &holed_rates]] {
+                            let found = efforts(&rows, [q, rates, &[0.5; BLOCK]]);
+                            for (found, wanted) in found.iter().zip(&wanted) {
+                                for k in (0..BLOCK).filter(|k| !hole.contains(k)) {
+                                    assert!((found[k] - wanted[k]).abs() < 1e-12, "{k} {found:?}");
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
     }
 
     #[test]
