@@ -606,7 +606,6 @@ fn what_the_first_recording_never_probed_refutes_nothing() {
 
 #[test]
 fn a_mechanism_that_the_library_has_no_name_for_stays_unexplained() {
-    use ft_identify::analysis::{Verdict, analyse};
     // A spring over its dead centre: pushes away from the middle, with a bend that no entry of the library has.
     let toggle = |_: f64, q: f64, _: f64, _: f64| {
         let x = q - 0.25;
@@ -629,7 +628,6 @@ fn a_mechanism_that_the_library_has_no_name_for_stays_unexplained() {
 
 #[test]
 fn a_named_spring_keeps_its_numbers_beside_the_mechanism_and_the_effort_is_the_same() {
-    use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
     use ft_identify::mechanism::Mechanism as _;
     let spring = |_: f64, q: f64, _: f64, _: f64| 6.0 + 18.0 * q;
     let samples = Drawer::with(spring).record(45.0, 11);
@@ -736,8 +734,6 @@ fn a_play_in_which_the_object_goes_its_own_way_is_named_and_measured() {
 /// shorter than a step.
 #[test]
 fn coarse_positions_are_identified_and_make_no_bristles() {
-    use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
-
     let step = 1e-3;
     for seed in 0..4 {
         let mut samples = Drawer::plain().record(45.0, 70 + seed);
