@@ -455,18 +455,20 @@ fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
     assert!((coulomb - 1.8).abs() < 0.05, "{coulomb}");
 }
 
-/// Nor is one of them named at random where the friction one way would be several times that of the other.
+/// Nor is one of them named at random: a load where the friction one way would be several times that of the other, friction elsewhere.
 #[test]
 fn a_load_and_a_friction_that_differs_by_direction_are_not_told_apart() {
     let found = look(&Drawer::with(|_, _, _, _| 2.0).record(40.0, 3));
     for (load, seed) in [(2.0, 3), (2.0, 4), (-2.0, 3), (-2.0, 4), (1.6, 5)] {
         let found = look(&Drawer::with(move |_, _, _, _| load).record(40.0, seed));
-        assert_eq!(
-            found.effects[0].found.kind.name,
-            "constant_load",
-            "{}",
-            told(&found)
-        );
+        let name = found.effects[0].found.kind.name;
+        assert_eq!(name, "constant_load", "{}", told(&found));
+    }
+    for (friction, seed) in [(1.2, 3), (2.0, 4), (-1.2, 3), (-2.0, 4), (-1.6, 5)] {
+        let one_way = move |_, _, dq: f64, _| if dq * friction > 0.0 { friction } else { 0.0 };
+        let found = look(&Drawer::with(one_way).record(40.0, seed));
+        let name = found.effects[0].found.kind.name;
+        assert_eq!(name, "asymmetric_coulomb", "{}", told(&found));
     }
     let top = &found.effects[0];
     let mut both = vec![top.found.kind.name];

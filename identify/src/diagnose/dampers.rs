@@ -163,12 +163,16 @@ impl State {
         let is_lag = |candidate: &mut Candidate| candidate.kind.name == "time_lag";
         let lag: Vec<Candidate> = self.bank.extract_if(.., is_lag).collect();
         // Twice: what seems superfluous while dampers are missing may come back beside them.
+        let mut came = false;
         for _ in 0..2 {
             self.given_up.clear();
             self.search()?;
+            came = had_curve == self.ground.curve.is_empty();
+            if came {
+                break;
+            }
         }
         self.bank.extend(lag);
-        let came = had_curve == self.ground.curve.is_empty();
         if came || self.error_with_signs()? > RIVAL_BELOW * before {
             self.put_back(as_was);
         }

@@ -8,7 +8,9 @@ use super::confirm::shown;
 use super::gates::{LEAST_SIZE, gives};
 use super::model::{Found, Ground, RIGID, is_known, is_smooth_load, object_of};
 use super::score::{Problem, factor, gram};
-use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, State, fit_found, floor_of};
+use super::search::{
+    Ambiguity, Diagnosis, NamedEffect, RIVAL_BELOW, Refused, State, fit_found, floor_of,
+};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
@@ -179,27 +181,47 @@ impl State {
         })
     }
 
-    /// A load and a friction that differs between the ways are the same effort while the joint moves. It is named a load where the friction of one way
-    /// would have to be much larger than that of the other: rubbing parts hardly do that, and weights and springs do.
+    /// A load and a friction that differs between the ways are the same effort while the joint moves: which of them the search took is chance. It is
+    /// named a load where the friction of one way would have to be much larger than that of the other: rubbing parts hardly do that, and weights and
+    /// springs do; and a friction elsewhere.
     fn name_by_friction(&mut self) -> Result<(), DynamicsError> {
-        let has = |kind: &Kind| self.bank.iter().any(|c| c.kind.is(kind));
-        let by_way = |(found, _): &(Found, f64)| found.kind.is(&ASYMMETRIC);
-        let Some(i) = self.effects.iter().position(by_way) else {
+        let is_either = |kind: &Kind| kind.is(&ASYMMETRIC) || kind.is(&CONSTANT_LOAD);
+        let either = |(found, _): &(Found, f64)| is_either(found.kind);
+        let Some(i) = self.effects.iter().position(either) else {
             return Ok(());
         };
-        if !has(&CONSTANT_LOAD) || !self.ground.curve.is_empty() {
-            return Ok(());
-        }
         let before = self.effects[..i].iter();
         let own = RIGID + before.map(|(f, _)| f.terms().count()).sum::<usize>();
         let theta = self.fit()?.theta;
-        if theta[1] + theta[own] <= MOST_BY_WAY * theta[1] {
+        let (coulomb, size) = (theta[1], theta[own]);
+        let found = &self.effects[i].0;
+        let is_load = found.kind.is(&CONSTANT_LOAD);
+        // Of the way of less friction, and what the other has more.
+        let (least, more) = if is_load {
+            (coulomb - size.abs(), 2.0 * size.abs())
+        } else {
+            (coulomb, size)
+        };
+        let is_friction = least + more <= MOST_BY_WAY * least;
+        if is_friction != is_load {
             return Ok(());
         }
-        self.unless_worse(|state| {
-            state.effects[i].0 = state.ground.found(&CONSTANT_LOAD, Vec::new(), vec![true]);
-            Ok(())
-        })
+        let (other, shape) = if is_friction {
+            (&ASYMMETRIC, vec![size.signum()])
+        } else {
+            (&CONSTANT_LOAD, Vec::new())
+        };
+        let in_bank = self.bank.iter().any(|c| c.kind.is(other));
+        if !in_bank || !self.ground.curve.is_empty() {
+            return Ok(());
+        }
+        let (as_was, before) = (self.effects.clone(), self.error()?);
+        self.effects[i].0 = self.ground.found(other, shape, vec![true]);
+        // They differ where the joint turns alone, which says little.
+        if RIVAL_BELOW * self.error()? > before {
+            self.effects = as_was;
+        }
+        Ok(())
     }
 
     /// Takes out of `rest` what does not lower the error on held-out strokes beside all others once signs are kept: from the whole model and not

@@ -49,6 +49,8 @@ const ROUNDS: usize = 2;
 const STAYS_BELOW: f64 = 0.95;
 /// Instants that nothing but the effort shows count where so many floors are left without them at most: anything that is missing makes pulses, too.
 const MOST_LEFT: f64 = 1.3;
+/// With more left after a round than so many floors, another one does not come to [`MOST_LEFT`] of them.
+const MOST_LEFT_AGAIN: f64 = 5.0;
 
 /// As [`diagnose_without`], of `samples` rid of the slips that the effort shows where that leaves less.
 ///
@@ -66,6 +68,9 @@ pub(crate) fn diagnose_rid_of_slips(
         let (last, seen) = rounds
             .last()
             .map_or((&first, samples), |(last, seen)| (last, seen));
+        if !rounds.is_empty() && last.model.held_out_rms > MOST_LEFT_AGAIN * last.floor.rms {
+            break;
+        }
         let noise = SURELY_BELOW * last.floor.rms;
         let left = Left {
             motion: &last.motion,
