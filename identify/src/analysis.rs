@@ -32,9 +32,9 @@ use crate::screw::JointKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The held-out residual is at the noise floor, and as noise is, which a recipe as it was published is not asked for: it does not come in bursts.
+    /// The held-out residual is at the noise floor.
     Explained,
-    /// More than noise remains, or it comes in bursts.
+    /// Structure remains.
     Unexplained,
     /// The data cannot tell.
     NotIdentifiable,
@@ -82,7 +82,7 @@ pub struct Analysis {
     pub floor: NoiseFloor,
     /// Against what the full model's residual stands, strongest first.
     pub structure: Vec<Structure>,
-    /// How what the named effects leave, which is at the noise floor, comes in bursts, where it does: the verdict is `unexplained` for that.
+    /// How what the named effects leave comes in bursts, where it does.
     pub bursts: Option<Bursts>,
     /// The verdict.
     pub verdict: Verdict,
@@ -113,8 +113,8 @@ impl Analysis {
 
 /// Up to so many times the floor no rivals are tried and no name is doubted. The verdict asks for a little less.
 pub const EXPLAINED_BELOW: f64 = 1.15;
-/// The floor is estimated to a few percent: up to so many times the estimate a residual that does not come in bursts is `explained`.
-pub(crate) const SURELY_BELOW: f64 = 1.12;
+/// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
+pub(crate) const SURELY_BELOW: f64 = 1.10;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
 ///
@@ -160,12 +160,9 @@ pub fn analyse_confirmed(
     }
     // What is below the digits of a file is arithmetic, and no noise to compare with.
     let is_noise = floor.rms > LEAST_FLOOR * rms(&tau);
-    let bursts = (verdict == Verdict::Explained && is_noise)
+    let bursts = is_noise
         .then(|| bursts(motion, &named.residual, named.effective_samples))
         .flatten();
-    if bursts.is_some() {
-        verdict = Verdict::Unexplained;
-    }
     let evidence = evidence(motion, &named, &diagnosis.effects).map_err(DynamicsError::from)?;
     let (low, high) = samples.q_range();
     let at =

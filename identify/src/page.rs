@@ -186,9 +186,6 @@ fn sentences(report: &Report) -> Vec<String> {
     }
     if let (Some(error), Some(floor)) = (report.last.held_out_rms, report.last.noise_floor_rms) {
         let quality = match report.last.verdict {
-            _ if report.last.bursts.is_some() => {
-                "but what is left comes in bursts, as noise does not"
-            }
             Verdict::Explained if error > NOISE_ALONE * floor => {
                 "more than noise, though what is named leaves no more than that without the mechanism"
             }

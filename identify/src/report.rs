@@ -204,7 +204,7 @@ pub struct Final {
     pub noise_floor_rms: Option<f64>,
     /// Share of the effort that is neither modelled nor noise.
     pub unexplained_fraction: Option<f64>,
-    /// How what the named effects leave comes in bursts, where the verdict is `unexplained` for that alone.
+    /// How what the named effects leave comes in bursts, where it does: something acts at times, or the sensors' noise is not normal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bursts: Option<Bursts>,
     /// The verdict.
@@ -425,6 +425,9 @@ impl Report {
             self.notes.push(format!(
                 "the motion is so slow that the poses' noise would hide its acceleration: it was smoothed to {hz:.1} Hz; move faster for a better inertia"
             ));
+        }
+        if let Some(bursts) = &self.last.bursts {
+            self.notes.push(summary::bursts(bursts, self.joint.kind));
         }
         let motion = analysis.diagnosis.as_ref().map(|one| &one.motion);
         let shows_time = motion.is_none_or(Motion::shows_time);

@@ -200,9 +200,6 @@ impl Report {
     /// The verdict in words.
     #[must_use]
     pub fn verdict_line(&self) -> String {
-        if let Some(bursts) = &self.last.bursts {
-            return self.burst_line(bursts);
-        }
         match self.last.verdict {
             Verdict::Explained if self.effects.is_empty() => {
                 "explained: I, mu, b leave the noise floor and nothing is missing".to_owned()
@@ -238,30 +235,28 @@ impl Report {
     }
 }
 
-impl Report {
-    fn burst_line(&self, bursts: &Bursts) -> String {
-        let (kurtosis, share) = (bursts.kurtosis, 100.0 * bursts.share);
-        let at = if bursts.at_a_place {
-            let [from, to] = bursts.q;
-            let place = match self.joint.kind {
-                JointKind::Revolute => {
-                    format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
-                }
-                JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
-            };
-            format!(
-                "most of them at {place} as q {} ({share:.0} % of the sum of r^4, {:.1} % of the samples): something acts there at times, as a seal or a latch does",
-                if bursts.forward { "grows" } else { "falls" },
-                100.0 * bursts.samples
-            )
-        } else {
-            "not stroke after stroke at one place: something acts at times, or the sensors' noise is not what it was taken for"
-                .to_owned()
+/// Where a residual that comes in bursts has them.
+pub(super) fn bursts(bursts: &Bursts, kind: JointKind) -> String {
+    let at = if bursts.at_a_place {
+        let [from, to] = bursts.q;
+        let place = match kind {
+            JointKind::Revolute => {
+                format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
+            }
+            JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
         };
         format!(
-            "unexplained: what is left is small on the whole but comes in bursts (kurtosis {kurtosis:.1}, where noise has 3), {at}"
+            "most of them from {place} as q {} ({:.0} % of the sum of r^4, {:.1} % of the samples): something acts there at times, as a seal or a latch does",
+            if bursts.forward { "grows" } else { "falls" },
+            100.0 * bursts.share,
+            100.0 * bursts.samples
         )
-    }
+    } else {
+        "not stroke after stroke at one place: something acts at times, or the sensors' noise is not normal"
+            .to_owned()
+    };
+    let kurtosis = bursts.kurtosis;
+    format!("what is left comes in bursts (kurtosis {kurtosis:.1}, where normal noise has 3), {at}")
 }
 
 /// In brackets what tells an effect from others of its name: its size, where it is in the `range` of the joint coordinate, how
