@@ -515,6 +515,12 @@ fn a_twin_whose_numbers_do_not_fit_together_is_refused() {
             serde_json::json!([1.0]),
             "one value per name",
         ),
+        (
+            "/beta/values/0",
+            serde_json::json!(-1.0),
+            "inertia is below 0",
+        ),
+        ("/beta/units/0", "lb".into(), "SI units"),
         ("/domain/q", serde_json::json!([1.0, 1.0]), "no interval"),
         ("/joint/coordinate/sign", 0.5.into(), "not 1 or -1"),
         (

@@ -111,7 +111,9 @@ for name, twin in twins.items():
     spec = importlib.util.spec_from_file_location("passive", out / f"{name}_passive.py")
     passive = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(passive)
-    passive.install(model, joint=done["mjcf"].joint)
+    # Twice, as a cell of a notebook may be run: the effort is there once.
+    for _ in range(2):
+        passive.install(model, joint=done["mjcf"].joint)
     got = []
     for a, b in zip(q, dq):
         mujoco.mj_resetData(model, data)
@@ -154,14 +156,18 @@ for name, twin in twins.items():
     here["usd_geometry_kept"] = bool(opened.GetPrimAtPath("/cabinet/upper/knob").IsValid())
 
 
-def refusal(a_from_w):
+def refusal(a_from_w, format="mjcf", **to):
     try:
-        attach.mjcf(twins["door"], assets["mjcf"], a_from_w, folder / "never")
+        getattr(attach, format)(twins["door"], assets[format], a_from_w, **{"out": folder / "never", **to})
     except ValueError as error:
         return str(error)
     return "none"
 
 
+aside = registration.copy()
+aside[:3, 3] += 4.0
+found["aside"] = refusal(aside.tolist())
+found["onto"] = {kind: refusal(registration.tolist(), kind, out=folder, name="cabinet", force=True) for kind in assets}
 askew = np.eye(4)
 askew[:3, :3] = attach._turn([math.cos(0.7), math.sin(0.7), 0, 0]) @ turn
 found["askew"] = refusal(askew.tolist())

@@ -323,11 +323,15 @@ fn with_every_effect(kind: &str, range: [f64; 2], inertia: f64, size: f64) -> Tw
             true,
         ));
     }
+    let units = match kind {
+        "revolute" => ["kg m^2", "N m", "N m s/rad"],
+        _ => ["kg", "N", "N s/m"],
+    };
     let twin = serde_json::json!({
         "schema": "ft-identify/twin/1",
         "joint": {"frame": "world", "kind": kind, "axis_direction": [0.6, 0.0, 0.8], "axis_point": [1, 2, 0],
                   "tool_position": [1.8, 2.3, 1.1], "q_range": range, "coordinate": {"sign": 1.0, "offset": 0.0}},
-        "beta": {"names": ["inertia", "coulomb", "viscous"], "units": ["", "", ""],
+        "beta": {"names": ["inertia", "coulomb", "viscous"], "units": units,
                  "values": [inertia, 0.2 * size, null], "covariance": []},
         "effects": effects, "domain": {"q": range, "dq": [-1.5, 1.5]}, "mechanism": null,
         "provenance": {"recordings": [], "version": "test", "calibration": null, "held_out_rms": null}

@@ -305,7 +305,7 @@ fn the_readme_s_python_runs() {
     .expect_code(0)
     .json();
     println!("{found}");
-    assert_eq!(found["blocks"], 3);
+    assert_eq!(found["blocks"], 4);
     assert_eq!(found["callback_installed"], true);
     assert!(number(&found["onnx_off"]) < 0.01, "{found}");
     assert!(number(&found["force_off"]) < 1e-9, "{found}");
@@ -375,5 +375,14 @@ fn twins_attach_to_joints_of_assets() {
         said.contains("no revolute joint within 20 deg") && said.contains("registration"),
         "{said}"
     );
+    let said = found["aside"].as_str().unwrap();
+    assert!(
+        said.contains("beside the twin's") && said.contains("registration"),
+        "{said}"
+    );
+    for (format, said) in found["onto"].as_object().unwrap() {
+        let said = said.as_str().unwrap();
+        assert!(said.contains("the asset itself"), "{format}: {said}");
+    }
     assert_eq!(found["untouched"], true);
 }

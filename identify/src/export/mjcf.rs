@@ -113,10 +113,11 @@ def install(model, joint="{name}_joint", table=None):
 
     Load every model before the first call: MuJoCo cannot compile a model while a Python callback is set. It has one callback
     for all models; several twins may be installed, one after the other; a passive callback of your own
-    must call this one (`mujoco.get_mjcb_passive()`).
+    must call this one (`mujoco.get_mjcb_passive()`). Once more for the same joint takes the place of the first time.
     """
     table = table or Table(pathlib.Path(__file__).with_name("{name}.xml.mechanism.json"))
     at = model.joint(joint)
+    _installed[:] = [one for one in _installed if one[0] is not model or one[3] != at.dofadr[0]]
     _installed.append((model, table, at.qposadr[0], at.dofadr[0]))
     mujoco.set_mjcb_passive(_passive)
 "#

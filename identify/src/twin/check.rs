@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::pieces::{LOAD, OVER_Q, OVER_SPEED};
 use super::{Spline, SurfaceSpline, Twin, TwinError};
-use crate::effect::library::{form, kind};
+use crate::effect::library::{Search, form, kind};
 
 /// No number of a twin, in SI units, is beyond this.
 const LARGEST: f64 = 1e9;
@@ -31,6 +31,21 @@ pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
     if twin.beta.names.len() != twin.beta.values.len() {
         return wrong("beta has not one value per name");
     }
+    let joint = twin.joint.kind;
+    for (name, unit) in [
+        ("inertia", joint.inertia_unit()),
+        ("coulomb", joint.effort_unit()),
+        ("viscous", joint.viscous_unit()),
+    ] {
+        let mut named = twin.beta.names.iter().zip(&twin.beta.units);
+        if named.any(|(own, stated)| own == name && stated != unit) {
+            return wrong("beta is in other units than the SI units of its kind of joint");
+        }
+    }
+    let mut values = twin.beta.names.iter().zip(&twin.beta.values);
+    if values.any(|(name, value)| name == "inertia" && value.is_some_and(|v| v < 0.0)) {
+        return wrong("its inertia is below 0");
+    }
     if !(proper(twin.domain.q) && proper(twin.domain.dq) && proper(twin.joint.q_range)) {
         return wrong("domain or q_range is no interval");
     }
@@ -50,6 +65,13 @@ pub(super) fn content(twin: &Twin) -> Result<(), TwinError> {
         // What is no function of the state is not evaluated, whatever its shape was when the file was written.
         if kind.at.is_some() && form(&effect.name, effect.shape.len()).is_none() {
             return wrong("an effect has not as many shape parameters as its kind");
+        }
+        let relieved = form(&effect.name, effect.shape.len()).is_some_and(|kind| {
+            let mut shapes = kind.shape.iter().zip(&effect.shape);
+            shapes.any(|(of, number)| of.2 == Search::Below && number.value <= 0.0)
+        });
+        if relieved {
+            return wrong("the speed at which a damper's valve opens is not above 0");
         }
     }
     let Some(mechanism) = &twin.mechanism else {

@@ -11,6 +11,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import attach as attach
+
 _Path = str | PathLike[str]
 _Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@
 
 `a_from_w` takes coordinates of the twin's frame (the recording's world) to the asset's: a 4x4 rigid transform, a registration. The
 joint is the one of the twin's kind, along its axis, whose part comes nearest to where the tool held the handle. The asset's own zero
-is where the grasp began, unless `offset` says by how much more it stands open there (rad or m). The asset is read only: `out` receives
+is where the grasp began, unless `offset` says by how much more it stands open there (rad or m). The asset is never changed: `out` receives
 a new file with the joint's inertia, friction, spring and damping, and the table of what the format cannot hold, as
 `Twin.export` writes it. Geometry and limits stay the asset's.
 """
@@ -26,6 +26,7 @@ import numpy as np
 from ._forcetwin import Twin
 
 _MOST_TURNED_DEG = 20.0
+_MOST_APART_M = 0.5
 _DOUBTFUL_DEG, _DOUBTFUL_M = 5.0, 0.05
 
 
@@ -75,6 +76,10 @@ def _choose(twin: Twin, joints: list[Joint], offset: float) -> tuple[Joint, Twin
         )
     best = min(fitting, key=lambda joint: joint.distance)
     between = np.linalg.norm(np.cross(direction, best.anchor - point)) if twin.kind == "revolute" else math.nan
+    if between > _MOST_APART_M:
+        raise ValueError(
+            f"{best.name}: its axis lies {between:.2f} m beside the twin's, more than {_MOST_APART_M} m; check the registration a_from_w"
+        )
     if turned(best) > _DOUBTFUL_DEG or between > _DOUBTFUL_M or best.distance > _DOUBTFUL_M:
         warnings.warn(
             f"{best.name}: axes {turned(best):.1f} deg and {between:.3f} m apart, tool {best.distance:.3f} m from the part; "
@@ -119,6 +124,13 @@ def _body_in_part(twin: Twin, part: np.ndarray) -> tuple[dict, np.ndarray, np.nd
     return body, turn.T @ (np.array(body["origin"]) - way), turn.T @ _turn(body["quaternion"])
 
 
+def _not_onto(asset, out, file: str) -> None:
+    """Refuses what would write over the asset, whatever is forced."""
+    there = pathlib.Path(out) / file
+    if there.exists() and there.samefile(asset):
+        raise ValueError(f"{there} is the asset itself, which is never changed: give another folder or name")
+
+
 def _sidecar(twin: Twin, to: str, out, name: str, force: bool) -> tuple[pathlib.Path, dict]:
     file = pathlib.Path(twin.export(to, out, name, force)[0])
     return file, json.loads(file.with_name(file.name + ".mechanism.json").read_text())["native"]
@@ -128,6 +140,7 @@ def mjcf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
     """Writes `out/name.xml` and, beside it, the table and the passive callback: `name_passive.install(model, joint=done.joint)`."""
     import mujoco
 
+    _not_onto(asset, out, f"{name}.xml")
     twin = twin.in_frame("asset", a_from_w)
     spec = mujoco.MjSpec.from_file(os.fspath(asset))
     model = spec.compile()
@@ -182,6 +195,7 @@ def urdf(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float =
     """Writes `out/name.urdf` and the table. Relative paths of meshes lead to where they were; `package://` stays."""
     import yourdfpy
 
+    _not_onto(asset, out, f"{name}.urdf")
     twin = twin.in_frame("asset", a_from_w)
     robot = yourdfpy.URDF.load(os.fspath(asset), load_meshes=False, build_scene_graph=True)
     robot.update_cfg(np.zeros(len(robot.actuated_joints)))
@@ -247,6 +261,7 @@ def usd(twin: Twin, asset, a_from_w, out, name: str = "object", offset: float = 
     """Writes `out/name.usda`, a layer over the asset, and the table. The asset's stage must be in metres and in the joint's zero."""
     from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
+    _not_onto(asset, out, f"{name}.usda")
     twin = twin.in_frame("asset", a_from_w)
     tool = np.array(twin.tool if twin.tool is not None else [math.nan] * 3)
     source = Usd.Stage.Open(os.fspath(asset))
