@@ -1,11 +1,11 @@
-//! Whether a residual that is small on the whole comes in bursts, as what acts at a few places or now and then leaves it.
+//! Whether a residual comes in bursts, as what acts at a few places or now and then leaves it.
 
 use std::collections::BTreeMap;
 
 use crate::motion::Motion;
 use crate::samples::extrema;
 
-/// Where a residual is large while it is small on the whole.
+/// Where a residual is much larger than it is mostly.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Bursts {
     /// Kurtosis of the residual, mean(r^4) / mean(r^2)^2: 3 for normal noise.

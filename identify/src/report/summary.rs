@@ -235,18 +235,20 @@ impl Report {
     }
 }
 
+/// From one coordinate to another.
+fn stretch([from, to]: [f64; 2], kind: JointKind) -> String {
+    match kind {
+        JointKind::Revolute => format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees()),
+        JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
+    }
+}
+
 /// Where a residual that comes in bursts has them.
 pub(super) fn bursts(bursts: &Bursts, kind: JointKind) -> String {
     let at = if bursts.at_a_place {
-        let [from, to] = bursts.q;
-        let place = match kind {
-            JointKind::Revolute => {
-                format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
-            }
-            JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
-        };
         format!(
-            "most of them from {place} as q {} ({:.0} % of the sum of r^4, {:.1} % of the samples): something acts there at times, as a seal or a latch does",
+            "most of them from {} as q {} ({:.0} % of the sum of r^4, {:.1} % of the samples): something acts there at times, as a seal or a latch does",
+            stretch(bursts.q, kind),
             if bursts.forward { "grows" } else { "falls" },
             100.0 * bursts.share,
             100.0 * bursts.samples
@@ -269,12 +271,7 @@ fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
     let mut said = sizes_of(effect);
     if let (Some(from), Some(to)) = (value("from"), value("to")) {
         let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(range[0], range[1]));
-        said.push(match kind {
-            JointKind::Revolute => {
-                format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees())
-            }
-            JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
-        });
+        said.push(stretch([from, to], kind));
     }
     // Of a notch or friction at a place, a magnet, and a wave.
     for (name, word) in [("centre", "at"), ("reach", "reaching"), ("pitch", "every")] {
