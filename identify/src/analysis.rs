@@ -7,8 +7,8 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, add_stiction,
-    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, others_rid_of_slips, shown,
-    state_spread, take_from_both,
+    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives, others_rid_of_slips,
+    shown, state_spread, take_from_both,
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, fit_jointly,
@@ -115,6 +115,8 @@ impl Analysis {
 pub const EXPLAINED_BELOW: f64 = 1.15;
 /// The floor is estimated to a few percent: up to so many times the estimate the verdict is `explained`.
 pub(crate) const SURELY_BELOW: f64 = 1.10;
+/// The same where pads or play are named: how these meet the handle is in no model, and what their forms leave is not to pass for noise.
+const SURELY_BELOW_CRUDE: f64 = 1.03;
 
 /// Fits the base, names what it lacks, and fits the full model on it.
 ///
@@ -153,7 +155,8 @@ pub fn analyse_confirmed(
     }
     let floor = floor_of(samples, motion, &full, &diagnosis.found())?;
     let tau = motion.regressor(&motion.tau)?;
-    let (mut verdict, unexplained_fraction) = judge(&named, floor.rms, rms(&tau));
+    let (mut verdict, unexplained_fraction) =
+        judge(&named, &diagnosis.found(), floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
     if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;
@@ -551,13 +554,24 @@ fn beside_mechanism(
     Ok((model, jointly))
 }
 
-/// Verdict and unexplained share of a model.
+/// Verdict and unexplained share of a model with `effects`.
 #[must_use]
-pub fn judge(model: &EffortModel, floor: f64, effort_rms: f64) -> (Verdict, f64) {
+pub fn judge(
+    model: &EffortModel,
+    effects: &[Found],
+    floor: f64,
+    effort_rms: f64,
+) -> (Verdict, f64) {
+    let is_crude = effects.iter().any(|found| gives(found.kind));
+    let most = if is_crude {
+        SURELY_BELOW_CRUDE
+    } else {
+        SURELY_BELOW
+    };
     let over = (model.held_out_rms.powi(2) - floor.powi(2)).max(0.0).sqrt();
     let verdict = if model.terms.iter().all(|term| term.value.is_none()) {
         Verdict::NotIdentifiable
-    } else if model.held_out_rms <= SURELY_BELOW * floor {
+    } else if model.held_out_rms <= most * floor {
         Verdict::Explained
     } else {
         Verdict::Unexplained

@@ -31,6 +31,7 @@ pub(crate) use breakaway::add_stiction;
 pub(crate) use confirm::shown;
 pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence, since_reversal};
+pub(crate) use gates::gives;
 pub use model::Found;
 pub(crate) use model::{beside_rigid, per_velocity};
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};

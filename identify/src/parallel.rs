@@ -99,7 +99,7 @@ impl Processors {
         f: impl Fn(&T) -> R + Sync,
     ) -> Vec<R> {
         let threads = (self.count)().min(most);
-        let size = items.len().div_ceil(4 * threads).max(1);
+        let size = items.len().div_ceil(16 * threads).max(1);
         let chunks: Vec<&[T]> = items.chunks(size).collect();
         let begun = AtomicUsize::new(0);
         let next = || {

@@ -140,6 +140,23 @@ impl Table {
         out
     }
 
+    /// Products of `a` and `b` over the samples of each fold.
+    pub(crate) fn by_fold(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; self.folds];
+        in_vectors(
+            #[inline(always)]
+            || {
+                let mut from = 0;
+                for &(fold, count) in &self.stretches {
+                    let stretch = from..from + count;
+                    out[fold] += dot_inline(&a[stretch.clone()], &b[stretch]);
+                    from += count;
+                }
+            },
+        );
+        out
+    }
+
     #[inline(always)]
     fn add(&self, sums: &mut [[f64; LANES]], mut rows: &[[f64; LANES]], mut other: &[f64]) {
         for &(fold, count) in &self.stretches {
@@ -204,6 +221,7 @@ mod tests {
                     .sum();
                 let value = products[fold * columns.len() + j];
                 assert!((value - plain).abs() < 1e-13, "{j} {fold}");
+                assert!((table.by_fold(column, &other)[fold] - plain).abs() < 1e-13);
             }
         }
     }

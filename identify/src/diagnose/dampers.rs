@@ -10,6 +10,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};
 use crate::effect::library::{Kind, Search};
+use crate::parallel::in_parallel;
 
 /// Whether it slows more at some places or one way.
 pub(super) fn is_damper(kind: &Kind) -> bool {
@@ -207,14 +208,15 @@ impl State {
                 continue;
             };
             let price = (2.0 * problem.independent().ln() / problem.independent()).exp();
-            let best = tried
+            let fits = in_parallel(&tried, |with| {
+                let outcome = self.outcome(&problem, with)?;
+                let fits = price * outcome.fit < without.fit && outcome.mse < WORSE * without.mse;
+                fits.then_some(outcome.fit)
+            });
+            let best = fits
                 .into_iter()
-                .filter_map(|with| {
-                    let outcome = self.outcome(&problem, &with)?;
-                    let fits =
-                        price * outcome.fit < without.fit && outcome.mse < WORSE * without.mse;
-                    fits.then_some((outcome.fit, with))
-                })
+                .zip(tried)
+                .filter_map(|(fit, with)| Some((fit?, with)))
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             self.effects[i].0 = best.map_or(plain, |(_, with)| with);
         }

@@ -6,7 +6,7 @@
 use super::model::{Found, Ground};
 use super::score::Problem;
 use super::search::Diagnosis;
-use super::shapes::polished;
+use super::shapes::{ENOUGH_AT_LAST, polished};
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, Unit};
 use crate::least_squares::rms;
@@ -126,7 +126,7 @@ fn reshaped(
         shape: grid[best].clone(),
         ..found.clone()
     };
-    let better = polished(ground, anew, left, vec![start]);
+    let better = polished(ground, anew, left, vec![start], ENOUGH_AT_LAST);
     Ok(better
         .into_iter()
         .next()

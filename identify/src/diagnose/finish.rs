@@ -11,6 +11,7 @@ use super::score::{Problem, factor, gram};
 use super::search::{
     Ambiguity, Diagnosis, NamedEffect, RIVAL_BELOW, Refused, State, fit_found, floor_of,
 };
+use super::shapes::ENOUGH_AT_LAST;
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
@@ -59,6 +60,7 @@ pub(super) fn are_of_one_class(a: &str, b: &str) -> bool {
 
 impl State {
     pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
+        self.unless_worse(|state| state.polish_until(ENOUGH_AT_LAST))?;
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
         if shown(self.fit())?.is_none_or(|fit| fit.held_out_rms > 1.02 * before) {
@@ -318,7 +320,7 @@ impl State {
 
     /// Effects that would do nearly as well in place of effect `i`.
     fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
-        let (seen, own) = self.in_place_of(i)?;
+        let (seen, own) = self.in_place_of(i, f64::INFINITY)?;
         let Some(seen) = seen else {
             return Ok(Vec::new());
         };

@@ -34,7 +34,7 @@ const MOST_RIVALS: usize = 3;
 const GIVES: [&str; 2] = ["backlash", "grasp_compliance"];
 
 /// Whether it moves the object away from the tool, and so all that the object has.
-pub(super) fn gives(kind: &Kind) -> bool {
+pub(crate) fn gives(kind: &Kind) -> bool {
     GIVES.contains(&kind.name)
 }
 

@@ -365,6 +365,17 @@ impl Ground {
         Ok(columns)
     }
 
+    /// As [`Self::columns_with`] of each effect.
+    pub(super) fn each_with(&self, effects: &[Found]) -> Result<Vec<Columns>, MotionError> {
+        let mut all: Vec<Option<Columns>> = effects.iter().map(|f| self.made.get(f)).collect();
+        let missing: Vec<usize> = (0..all.len()).filter(|&i| all[i].is_none()).collect();
+        let made = in_parallel(&missing, |&i| self.columns_with(&effects[i]));
+        for (i, made) in missing.into_iter().zip(made) {
+            all[i] = Some(made?);
+        }
+        Ok(all.into_iter().flatten().collect())
+    }
+
     /// Filtered columns of an effect.
     pub(super) fn filtered(&self, found: &Found) -> Result<Vec<Vec<f64>>, MotionError> {
         let series = found.series(&self.motion);

@@ -49,7 +49,8 @@ pub(super) fn replicates(
     Ok((efforts, usual))
 }
 
-fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
+/// The sum of columns times their terms.
+pub(super) fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; x.first().map_or(0, Vec::len)];
     for (column, theta) in x.iter().zip(theta) {
         for (out, value) in out.iter_mut().zip(column) {

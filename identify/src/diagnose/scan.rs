@@ -2,7 +2,7 @@
 
 use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
 use super::score::Problem;
-use super::shapes::{moments, polished};
+use super::shapes::{ENOUGH, moments, polished};
 use crate::effect::library::{Kind, Search};
 use crate::least_squares::rms;
 use crate::motion::MotionError;
@@ -37,12 +37,14 @@ pub(super) struct Look {
 /// Kinds that are refined, from the best.
 const REFINED: usize = 7;
 
-/// Looks through `bank` beside the columns `x` of the current model; `efforts` = the measured one and replicates.
+/// Looks through `bank` beside the columns `x` of the current model; `efforts` = the measured one and replicates. What leaves more than `worth`, a
+/// mean square, is not refined.
 pub(super) fn look(
     ground: &Ground,
     bank: &[Candidate],
     x: &[Vec<f64>],
     efforts: &[Vec<f64>],
+    worth: f64,
 ) -> Result<Option<Look>, MotionError> {
     let problem = Problem::new(x, efforts, &ground.folds);
     let Some(alone) = problem.alone() else {
@@ -69,6 +71,9 @@ pub(super) fn look(
     ranked.retain(|entry| entry.score > 0.0);
     let top: Vec<Ranked> = ranked.iter().take(REFINED).cloned().collect();
     let better: Vec<Result<Ranked, MotionError>> = in_parallel(&top, |entry| {
+        if entry.mse > worth {
+            return Ok(entry.clone());
+        }
         refine(ground, &problem, entry, before[0], &alone[0].blocks)
     });
     for (old, new) in ranked.iter_mut().zip(better) {
@@ -230,6 +235,7 @@ fn refine(
         problem.columns(),
         problem.effort(),
         vec![best.found(ground)],
+        ENOUGH,
     );
     for found in polished {
         consider(&mut best, found.shape)?;

@@ -12,7 +12,6 @@ pub(super) type Folds = (Vec<usize>, usize);
 pub(super) struct Problem<'a> {
     x: &'a [Vec<f64>],
     ys: &'a [Vec<f64>],
-    folds: &'a Folds,
     /// The model's columns, and behind them the efforts.
     table: Table,
     /// By fold.
@@ -55,16 +54,12 @@ impl<'a> Problem<'a> {
                 right[fold].row_mut(i).copy_from_slice(&products[p..]);
             }
         }
-        let mut square = vec![vec![0.0; ys.len()]; count];
-        for (k, y) in ys.iter().enumerate() {
-            for (a, fold) in y.iter().zip(&folds.0) {
-                square[*fold][k] += a * a;
-            }
-        }
+        let by_effort: Vec<Vec<f64>> = ys.iter().map(|y| table.by_fold(y, y)).collect();
+        let square = |fold: usize| by_effort.iter().map(|folds| folds[fold]).collect();
+        let square = (0..count).map(square).collect();
         Self {
             x,
             ys,
-            folds,
             table,
             gram,
             right,
@@ -183,11 +178,9 @@ impl<'a> Problem<'a> {
                 own.copy_from_slice(&products[p..p + efforts]);
             }
             for (j, other) in columns[..=i].iter().enumerate() {
-                for ((a, b), fold) in column.iter().zip(*other).zip(&self.folds.0) {
-                    gram[*fold][(p + i, p + j)] += a * b;
-                }
-                for fold in &mut gram {
-                    fold[(p + j, p + i)] = fold[(p + i, p + j)];
+                for (gram, product) in gram.iter_mut().zip(self.table.by_fold(column, other)) {
+                    gram[(p + i, p + j)] = product;
+                    gram[(p + j, p + i)] = product;
                 }
             }
         }

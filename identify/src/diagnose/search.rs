@@ -21,6 +21,7 @@ use crate::effect::{Effect, RigidBody};
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
 use crate::noise::{self, NoiseFloor};
+use crate::parallel::in_parallel;
 use crate::samples::JointSamples;
 
 /// An effect that fits nearly as well.
@@ -98,7 +99,9 @@ const OF_A_LOAD: f64 = 0.05;
 const GAINED_BELOW: f64 = 0.995;
 /// That many noise floors are much more than noise.
 pub(super) const MUCH: f64 = 2.0;
+/// Recordings that are simulated of a model, and of one beside which much more than noise is left, as chance does not come near that.
 const REPLICATES: usize = 40;
+const FEWER_REPLICATES: usize = 20;
 pub(super) const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 pub(crate) const LEAST_FLOOR: f64 = 1.5e-3;
@@ -301,18 +304,23 @@ impl State {
             let outcome = problem.complete(&[]);
             outcome.map_or(model.rms, |outcome| outcome.fit.sqrt())
         };
+        let count = if left > MUCH * self.floor.rms {
+            FEWER_REPLICATES
+        } else {
+            REPLICATES
+        };
         let (simulated, level) = replicates(
             &self.ground,
             &found,
             (model.theta.as_slice(), left),
             &self.floor,
             &self.settings,
-            REPLICATES,
+            count,
         )?;
         efforts.extend(simulated);
         self.level = level.min(MOST_ABOVE * self.floor.rms);
         self.floor.rms = self.floor.rms.max(self.level);
-        let seen = look(&self.ground, &self.bank, &x, &efforts)?;
+        let seen = look(&self.ground, &self.bank, &x, &efforts, f64::INFINITY)?;
         Ok(seen.map(|seen| (x, seen)))
     }
 
@@ -556,8 +564,8 @@ impl State {
 
 pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel, DynamicsError> {
     let mut columns = RigidBody.columns(motion)?;
-    for found in found {
-        columns.extend(found.columns(motion)?);
+    for own in in_parallel(found, |found| found.columns(motion)) {
+        columns.extend(own?);
     }
     let y = motion.regressor(&motion.tau)?;
     let folds = blocks(motion);

@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
+use super::null::combine;
 use super::score::{factor, gram};
 use crate::effect::library::{Kind, Scope, Search, Shape};
 use crate::motion::{Motion, MotionError};
@@ -11,8 +12,10 @@ use crate::parallel::in_parallel;
 use crate::products::dot;
 
 const ITERATIONS: usize = 40;
-/// An iteration that lowers the squared error by less than this share is the last.
-const ENOUGH: f64 = 1e-4;
+/// An iteration that lowers the squared error by less than this share is the last: on the way of a search, where shapes are polished time and
+/// again, and at its end.
+pub(super) const ENOUGH: f64 = 1e-3;
+pub(super) const ENOUGH_AT_LAST: f64 = 1e-4;
 /// What moves the object may leave so much more when it is as large as its term says: its shape was fitted to what it was.
 const GROWN_BELOW: f64 = 1.02;
 /// A shape that does next to nothing where it is, such as the end of a zone behind the range, is damped as one with this share of the curvature of the
@@ -177,9 +180,8 @@ struct Trial {
 
 impl Trial {
     fn with(ground: &Ground, beside: &Beside<'_>, effects: Vec<Found>) -> Option<Self> {
-        let columns = effects.iter().map(|found| ground.columns_with(found).ok());
-        let columns: Option<Vec<_>> = columns.collect();
-        Self::of(beside, effects, columns?)
+        let columns = ground.each_with(&effects).ok()?;
+        Self::of(beside, effects, columns)
     }
 
     fn of(beside: &Beside<'_>, effects: Vec<Found>, columns: Vec<Columns>) -> Option<Self> {
@@ -239,6 +241,7 @@ pub(super) fn polished(
     x: &[Vec<f64>],
     y: &[f64],
     effects: Vec<Found>,
+    enough: f64,
 ) -> Vec<Found> {
     let free = free_of(&ground.scope(), &effects);
     if free.is_empty() {
@@ -266,7 +269,7 @@ pub(super) fn polished(
                 _ => damping *= 8.0,
             }
         }
-        if best.square > (1.0 - ENOUGH) * before {
+        if best.square > (1.0 - enough) * before {
             break;
         }
     }
@@ -328,14 +331,12 @@ pub(super) fn moves(
         }
         let step = parameter.step_to(at, moved);
         found.shape[parameter.shape] = moved;
-        let mut out = vec![0.0; motion.kept.len()];
-        let here = &columns[parameter.effect];
         let terms = &theta[starts[parameter.effect]..];
-        for ((series, here), theta) in found.series(motion).iter().zip(here.iter()).zip(terms) {
-            let there = motion.regressor(series)?;
-            for (out, (a, b)) in out.iter_mut().zip(there.iter().zip(here)) {
-                *out += theta * (a - b) / step;
-            }
+        // The filter is linear, so once is enough.
+        let mut out = motion.regressor(&combine(&found.series(motion), terms))?;
+        let here = combine(&columns[parameter.effect], terms);
+        for (out, here) in out.iter_mut().zip(here) {
+            *out = (*out - here) / step;
         }
         Ok(out)
     });

@@ -9,7 +9,7 @@ use super::model::{Found, grid_points, is_load, object_of, signs_hold};
 use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
-use super::shapes::{moments, polished};
+use super::shapes::{ENOUGH, moments, polished};
 use super::start::UNASKED;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search};
@@ -19,6 +19,8 @@ use crate::least_squares::rms;
 
 /// What an effect must take away of the squared error that is there without it.
 const LEAST_GAIN: f64 = 0.1;
+/// What leaves so many times the square of what is there is not made to leave less than that by a better shape.
+const HOPELESS: f64 = 4.0;
 /// Another form must err so much less.
 const REFORMED_BELOW: f64 = 0.995;
 /// What acts through the object is made anew so often.
@@ -118,6 +120,11 @@ impl State {
     }
 
     pub(super) fn polish(&mut self) -> Result<(), DynamicsError> {
+        self.polish_until(ENOUGH)
+    }
+
+    /// As [`polished`] of what is found, and with its `enough`.
+    pub(super) fn polish_until(&mut self, enough: f64) -> Result<(), DynamicsError> {
         // Beside a curve the loads stay as they were before it.
         let curved = !self.ground.curve.is_empty();
         let (fixed, free): (Vec<Found>, Vec<Found>) = self
@@ -125,7 +132,7 @@ impl State {
             .into_iter()
             .partition(|found| curved && is_load(found.kind));
         let x = self.ground.columns(&fixed)?;
-        let mut better = polished(&self.ground, &x, &self.ground.y, free).into_iter();
+        let mut better = polished(&self.ground, &x, &self.ground.y, free, enough).into_iter();
         for (old, _) in &mut self.effects {
             if !(curved && is_load(old.kind))
                 && let Some(new) = better.next()
@@ -321,7 +328,7 @@ impl State {
             if self.is_sure(self.effects[i].0.kind) {
                 continue;
             }
-            let (seen, own) = self.in_place_of(i)?;
+            let (seen, own) = self.in_place_of(i, HOPELESS)?;
             let Some(seen) = seen else { continue };
             let here = self.effects[i].0.kind;
             let better = seen.ranked.iter().find(|entry| {
@@ -346,15 +353,20 @@ impl State {
         Ok(())
     }
 
-    /// What the library offers in place of effect `i`, and the mean square error with it.
-    pub(super) fn in_place_of(&self, i: usize) -> Result<(Option<Look>, f64), DynamicsError> {
+    /// What the library offers in place of effect `i`, refined where it leaves at most so many times as much, and the mean square error with it.
+    pub(super) fn in_place_of(
+        &self,
+        i: usize,
+        most: f64,
+    ) -> Result<(Option<Look>, f64), DynamicsError> {
         let x = self.without(i)?;
         let efforts = vec![self.ground.y.clone()];
         let problem = Problem::new(&x, &efforts, &self.ground.folds);
         let own = self
             .own_mse(&problem, &self.effects[i].0)
             .unwrap_or(f64::INFINITY);
-        Ok((look(&self.ground, &self.bank, &x, &efforts)?, own))
+        let seen = look(&self.ground, &self.bank, &x, &efforts, most * own)?;
+        Ok((seen, own))
     }
 
     /// Takes loads that do no better than a simpler one for that: a drift that does not drift, and a constant and a weight that a spring does
