@@ -3,9 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::single_range_in_vec_init)]
 
 use core::f64::consts::PI;
+use std::sync::Arc;
 
-use ft_identify::analysis::{Verdict, analyse, analyse_confirmed};
-use ft_identify::diagnose::{Diagnosis, NamedEffect, confirm, diagnose};
+use ft_identify::analysis::{Verdict, analyse, analyse_confirmed, judge};
+use ft_identify::diagnose::{Diagnosis, Found, NamedEffect, confirm, diagnose};
+use ft_identify::effect::library::kind;
 use ft_identify::motion::MotionSettings;
 use ft_identify::report::{Input, Joint, Report};
 use ft_identify::samples::JointSamples;
@@ -324,6 +326,28 @@ fn a_tool_that_slid_along_the_path_alone_is_seen_in_the_effort_and_its_coordinat
     }
     let stiffness = found.model.value("stiffness").unwrap();
     assert!((stiffness / 15.0 - 1.0).abs() < 0.02, "{stiffness}");
+}
+
+#[test]
+fn play_and_pads_explain_what_comes_nearer_to_the_floor_than_others_must() {
+    let samples = Drawer::with(|_, _, _, _| 0.0).record(30.0, 141);
+    let model = &analyse(&samples, &MotionSettings::default()).unwrap().named;
+    let verdict = |name: &str, floors: f64| {
+        let found = Found {
+            kind: kind(name).unwrap(),
+            shape: Vec::new(),
+            used: Vec::new(),
+            object: Arc::default(),
+            datum: 0.0,
+        };
+        judge(model, &[found], model.held_out_rms / floors, 1.0).0
+    };
+    for name in ["backlash", "grasp_compliance"] {
+        assert_eq!(verdict(name, 1.02), Verdict::Explained);
+        assert_eq!(verdict(name, 1.05), Verdict::Unexplained);
+    }
+    assert_eq!(verdict("spring", 1.05), Verdict::Explained);
+    assert_eq!(verdict("spring", 1.12), Verdict::Unexplained);
 }
 
 #[test]

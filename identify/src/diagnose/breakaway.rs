@@ -102,7 +102,21 @@ impl Breakaway {
         self.count >= LEAST_COUNT && self.excess - 2.0 * self.std > UNUSUAL * self.sliding
     }
 
-    /// Whether it confirms what another recording surely showed: beyond what dry contacts have and beyond chance, each alone.
+    /// It and those of other recordings together, each by how often the joint left rest there.
+    fn with(self, others: impl Iterator<Item = Self>) -> Self {
+        others.fold(self, |all, one| {
+            let count = all.count + one.count;
+            let [of_all, of_one] = [all, one].map(|part| part.count as f64 / count as f64);
+            Self {
+                excess: of_all * all.excess + of_one * one.excess,
+                std: (of_all * all.std).hypot(of_one * one.std),
+                sliding: of_all * all.sliding + of_one * one.sliding,
+                count,
+            }
+        })
+    }
+
+    /// Whether it may be one of several recordings that show it surely: beyond what dry contacts have and beyond chance, each alone.
     fn confirms(&self) -> bool {
         self.count >= LEAST_COUNT
             && self.excess > UNUSUAL * self.sliding
@@ -202,7 +216,8 @@ const SLOWLY: f64 = 6.0;
 /// Speed at which sliding begins, as a share of that below which the joint rests.
 const SLOWEST: f64 = 1e-3;
 
-/// Names stiction when it surely took more than usual to break away in `diagnosis`, and more than usual on each of `others` (file name, samples), and
+/// Names stiction when it surely took more than usual to break away in `diagnosis`, or in that and `others` (file name, samples) together, and more than
+/// usual on each of these, and
 /// nothing else is missing that could be taken for it: a seal that peels off resists on the way behind its place too.
 ///
 /// # Errors
@@ -221,7 +236,18 @@ pub(crate) fn add_stiction(
     let Some(here) = here else {
         return Ok(());
     };
-    if !here.is_stiction() {
+    if !here.confirms() {
+        return Ok(());
+    }
+    let mut elsewhere = Vec::new();
+    for (file, samples) in others {
+        let motion = Motion::prepare(samples, settings)?;
+        let model = shown(fit_found(&motion, &found))?;
+        let there = model.map(|model| Breakaway::of(&motion, &found, model.theta.as_slice()));
+        elsewhere.push((file, there.transpose()?, motion));
+    }
+    let all = elsewhere.iter().filter_map(|(_, there, _)| (*there)?);
+    if !here.is_stiction() && !here.with(all).is_stiction() {
         return Ok(());
     }
     let held_out_rms = errors(&diagnosis.motion, &found)?;
@@ -251,18 +277,13 @@ pub(crate) fn add_stiction(
         return Ok(());
     }
     let mut pairs = Vec::new();
-    for (file, samples) in others {
-        let motion = Motion::prepare(samples, settings)?;
-        let (Some(model), Some(pair)) = (
-            shown(fit_found(&motion, &found))?,
-            shown(errors(&motion, &found))?,
-        ) else {
+    for (file, there, motion) in elsewhere {
+        let (Some(there), Some(pair)) = (there, shown(errors(&motion, &found))?) else {
             refuse(format!(
                 "not confirmed on {file}: it does not show the effects apart"
             ));
             return Ok(());
         };
-        let there = Breakaway::of(&motion, &found, model.theta.as_slice())?;
         if !there.is_some_and(|there| there.confirms()) {
             let excess = there.map_or(f64::NAN, |there| there.excess);
             refuse(format!(
@@ -377,6 +398,9 @@ mod tests {
         assert!(!like(2.3, 4.0).is_stiction() && like(2.3, 4.0).confirms());
         assert!(!like(1.9, 4.0).confirms());
         assert!(!like(0.5, 0.5).confirms());
+        let near = like(2.5, 4.0);
+        assert!(!near.is_stiction() && near.with([near].into_iter()).is_stiction());
+        assert!(!near.with([like(2.1, 4.0)].into_iter()).is_stiction());
     }
 
     #[test]
