@@ -153,10 +153,10 @@ pub fn analyse_confirmed(
     for model in [&mut base, &mut named] {
         model.withdraw_friction_of_one_way(motion);
     }
-    let floor = floor_of(samples, motion, &full, &diagnosis.found())?;
+    let found = diagnosis.found();
+    let floor = floor_of(samples, motion, &full, &found)?;
     let tau = motion.regressor(&motion.tau)?;
-    let (mut verdict, unexplained_fraction) =
-        judge(&named, &diagnosis.found(), floor.rms, rms(&tau));
+    let (mut verdict, unexplained_fraction) = judge(&named, &found, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
     if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;

@@ -190,6 +190,9 @@ fn sentences(report: &Report) -> Vec<String> {
                 "more than noise, though what is named leaves no more than that without the mechanism"
             }
             Verdict::Explained => "which is all that the sensors' noise allows",
+            Verdict::Unexplained if error <= NOISE_ALONE * floor => {
+                "about as little as noise with the mechanism, but what is named leaves more alone"
+            }
             Verdict::Unexplained => {
                 "more than the sensors' noise explains: something may be missing in the model"
             }

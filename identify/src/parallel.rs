@@ -62,6 +62,9 @@ struct Processors {
     in_use: AtomicIsize,
 }
 
+/// Parts of the work for each processor: some items take many times longer than others.
+const PARTS: usize = 16;
+
 /// A processor in use, until this is dropped.
 struct Processor<'a>(&'a Processors);
 
@@ -99,7 +102,7 @@ impl Processors {
         f: impl Fn(&T) -> R + Sync,
     ) -> Vec<R> {
         let threads = (self.count)().min(most);
-        let size = items.len().div_ceil(16 * threads).max(1);
+        let size = items.len().div_ceil(PARTS * threads).max(1);
         let chunks: Vec<&[T]> = items.chunks(size).collect();
         let begun = AtomicUsize::new(0);
         let next = || {

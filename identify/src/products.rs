@@ -47,6 +47,17 @@ pub(crate) fn dot_inline(a: &[f64], b: &[f64]) -> f64 {
     sums[0] + rest
 }
 
+/// The sum of columns times their terms; empty without columns.
+pub(crate) fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; x.first().map_or(0, Vec::len)];
+    for (column, theta) in x.iter().zip(theta) {
+        for (out, value) in out.iter_mut().zip(column) {
+            *out += theta * value;
+        }
+    }
+    out
+}
+
 /// `y' y`.
 pub(crate) fn gram(y: &DMatrix<f64>) -> DMatrix<f64> {
     let count = y.ncols();

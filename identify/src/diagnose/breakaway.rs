@@ -216,8 +216,8 @@ const SLOWLY: f64 = 6.0;
 /// Speed at which sliding begins, as a share of that below which the joint rests.
 const SLOWEST: f64 = 1e-3;
 
-/// Names stiction when it surely took more than usual to break away in `diagnosis`, or in that and `others` (file name, samples) together, and more than
-/// usual on each of these, and
+/// Names stiction, as large as `diagnosis` shows it, when it surely took more than usual to break away there, or there and on all of `others` (file name,
+/// samples) together, and more than usual on each of these, and
 /// nothing else is missing that could be taken for it: a seal that peels off resists on the way behind its place too.
 ///
 /// # Errors
@@ -244,9 +244,9 @@ pub(crate) fn add_stiction(
         let motion = Motion::prepare(samples, settings)?;
         let model = shown(fit_found(&motion, &found))?;
         let there = model.map(|model| Breakaway::of(&motion, &found, model.theta.as_slice()));
-        elsewhere.push((file, there.transpose()?, motion));
+        elsewhere.push((file, there.transpose()?, shown(errors(&motion, &found))?));
     }
-    let all = elsewhere.iter().filter_map(|(_, there, _)| (*there)?);
+    let all = elsewhere.iter().filter_map(|(_, there, _)| there.flatten());
     if !here.is_stiction() && !here.with(all).is_stiction() {
         return Ok(());
     }
@@ -277,8 +277,8 @@ pub(crate) fn add_stiction(
         return Ok(());
     }
     let mut pairs = Vec::new();
-    for (file, there, motion) in elsewhere {
-        let (Some(there), Some(pair)) = (there, shown(errors(&motion, &found))?) else {
+    for (file, there, pair) in elsewhere {
+        let (Some(there), Some(pair)) = (there, pair) else {
             refuse(format!(
                 "not confirmed on {file}: it does not show the effects apart"
             ));
@@ -398,9 +398,23 @@ mod tests {
         assert!(!like(2.3, 4.0).is_stiction() && like(2.3, 4.0).confirms());
         assert!(!like(1.9, 4.0).confirms());
         assert!(!like(0.5, 0.5).confirms());
-        let near = like(2.5, 4.0);
+    }
+
+    #[test]
+    fn recordings_together_are_surer_than_each_and_count_by_how_often_the_joint_left_rest() {
+        let like = |excess: f64, count: usize| Breakaway {
+            excess,
+            std: 0.3,
+            sliding: 4.0,
+            count,
+        };
+        let near = like(2.5, 6);
         assert!(!near.is_stiction() && near.with([near].into_iter()).is_stiction());
-        assert!(!near.with([like(2.1, 4.0)].into_iter()).is_stiction());
+        let few = near.with([like(2.1, 3)].into_iter());
+        let many = near.with([like(2.1, 18)].into_iter());
+        assert!((few.excess - 2.3667).abs() < 1e-3 && (few.std - 0.2236).abs() < 1e-3);
+        assert!((many.excess - 2.2).abs() < 1e-9 && (many.std - 0.2372).abs() < 1e-3);
+        assert_eq!(many.count, 24);
     }
 
     #[test]

@@ -13,6 +13,7 @@ use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::memory::played_quietly;
 use crate::least_squares::rms;
 use crate::payload::is_another;
+use crate::products::combine;
 
 /// An effect must move the effort (held-out) by so many noise floors; one of the object that acts in less than a share `LOCAL` of the
 /// samples by the less the fewer they are, down to `LEAST_OF_LOCAL` of that.
@@ -309,12 +310,7 @@ impl State {
         let Ok(columns) = self.ground.filtered(found) else {
             return 1.0;
         };
-        let mut effort = vec![0.0; self.ground.y.len()];
-        for (column, theta) in columns.iter().zip(theta) {
-            for (effort, value) in effort.iter_mut().zip(column) {
-                *effort += theta * value;
-            }
-        }
+        let effort = combine(&columns, theta);
         let moment = |power: i32| effort.iter().map(|v| v.powi(power)).sum::<f64>();
         moment(2).powi(2) / (effort.len() as f64 * moment(4)).max(f64::MIN_POSITIVE)
     }

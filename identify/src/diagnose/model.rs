@@ -349,8 +349,8 @@ impl Ground {
     /// Columns of the base and of `effects`, in the order of a model's parameters.
     pub(super) fn all_columns(&self, effects: &[Found]) -> Result<Vec<Vec<f64>>, MotionError> {
         let mut out = self.base.clone();
-        for effect in effects {
-            out.extend(self.columns_with(effect)?.iter().cloned());
+        for own in self.each_with(effects)? {
+            out.extend(own.iter().cloned());
         }
         Ok(out)
     }
@@ -365,7 +365,7 @@ impl Ground {
         Ok(columns)
     }
 
-    /// As [`Self::columns_with`] of each effect.
+    /// As [`Self::columns_with`] of each effect. No thread is started for what has been made.
     pub(super) fn each_with(&self, effects: &[Found]) -> Result<Vec<Columns>, MotionError> {
         let mut all: Vec<Option<Columns>> = effects.iter().map(|f| self.made.get(f)).collect();
         let missing: Vec<usize> = (0..all.len()).filter(|&i| all[i].is_none()).collect();

@@ -11,6 +11,7 @@ use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel;
+use crate::products::combine;
 use crate::random::Random;
 use crate::samples::JointSamples;
 
@@ -47,17 +48,6 @@ pub(super) fn replicates(
         })
         .collect();
     Ok((efforts, usual))
-}
-
-/// The sum of columns times their terms.
-pub(super) fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; x.first().map_or(0, Vec::len)];
-    for (column, theta) in x.iter().zip(theta) {
-        for (out, value) in out.iter_mut().zip(column) {
-            *out += theta * value;
-        }
-    }
-    out
 }
 
 /// The model's effort on the smoothed motion, unfiltered. It turns where its own velocity does.

@@ -3,7 +3,7 @@
 use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
 use super::score::Problem;
 use super::shapes::{ENOUGH, moments, polished};
-use crate::effect::library::{Kind, Search};
+use crate::effect::library::{Kind, Search, Shape};
 use crate::least_squares::rms;
 use crate::motion::MotionError;
 use crate::parallel::in_parallel;
@@ -37,14 +37,14 @@ pub(super) struct Look {
 /// Kinds that are refined, from the best.
 const REFINED: usize = 7;
 
-/// Looks through `bank` beside the columns `x` of the current model; `efforts` = the measured one and replicates. What leaves more than `worth`, a
-/// mean square, is not refined.
+/// Looks through `bank` beside the columns `x` of the current model; `efforts` = the measured one and replicates. What leaves more than
+/// `most_mse` is not refined, but for valves and moments that the grid does not have.
 pub(super) fn look(
     ground: &Ground,
     bank: &[Candidate],
     x: &[Vec<f64>],
     efforts: &[Vec<f64>],
-    worth: f64,
+    most_mse: f64,
 ) -> Result<Option<Look>, MotionError> {
     let problem = Problem::new(x, efforts, &ground.folds);
     let Some(alone) = problem.alone() else {
@@ -71,7 +71,8 @@ pub(super) fn look(
     ranked.retain(|entry| entry.score > 0.0);
     let top: Vec<Ranked> = ranked.iter().take(REFINED).cloned().collect();
     let better: Vec<Result<Ranked, MotionError>> = in_parallel(&top, |entry| {
-        if entry.mse > worth {
+        let more = |of: &Shape| matches!(of.2, Search::Below | Search::Seconds(_));
+        if entry.mse > most_mse && !entry.kind.shape.iter().any(more) {
             return Ok(entry.clone());
         }
         refine(ground, &problem, entry, before[0], &alone[0].blocks)

@@ -55,8 +55,8 @@ impl<'a> Problem<'a> {
             }
         }
         let by_effort: Vec<Vec<f64>> = ys.iter().map(|y| table.by_fold(y, y)).collect();
-        let square = |fold: usize| by_effort.iter().map(|folds| folds[fold]).collect();
-        let square = (0..count).map(square).collect();
+        let of_fold = |fold: usize| by_effort.iter().map(|squares| squares[fold]).collect();
+        let square = (0..count).map(of_fold).collect();
         Self {
             x,
             ys,

@@ -99,9 +99,8 @@ const OF_A_LOAD: f64 = 0.05;
 const GAINED_BELOW: f64 = 0.995;
 /// That many noise floors are much more than noise.
 pub(super) const MUCH: f64 = 2.0;
-/// Recordings that are simulated of a model, and of one beside which much more than noise is left, as chance does not come near that.
+/// Recordings that are simulated of a model.
 const REPLICATES: usize = 40;
-const FEWER_REPLICATES: usize = 20;
 pub(super) const MOST_EFFECTS: usize = 8;
 /// The floor is taken as at least this share of the effort: numbers in files have so many digits.
 pub(crate) const LEAST_FLOOR: f64 = 1.5e-3;
@@ -304,18 +303,13 @@ impl State {
             let outcome = problem.complete(&[]);
             outcome.map_or(model.rms, |outcome| outcome.fit.sqrt())
         };
-        let count = if left > MUCH * self.floor.rms {
-            FEWER_REPLICATES
-        } else {
-            REPLICATES
-        };
         let (simulated, level) = replicates(
             &self.ground,
             &found,
             (model.theta.as_slice(), left),
             &self.floor,
             &self.settings,
-            count,
+            REPLICATES,
         )?;
         efforts.extend(simulated);
         self.level = level.min(MOST_ABOVE * self.floor.rms);

@@ -4,12 +4,11 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
-use super::null::combine;
 use super::score::{factor, gram};
 use crate::effect::library::{Kind, Scope, Search, Shape};
 use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel;
-use crate::products::dot;
+use crate::products::{combine, dot};
 
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last: on the way of a search, where shapes are polished time and

@@ -5,7 +5,7 @@ use super::dampers::is_damper;
 use super::model::{Candidate, Found, is_known, is_smooth_load};
 use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
 use crate::dynamics::DynamicsError;
-use crate::effect::load::{CATCH, DETENT, SPRING};
+use crate::effect::load::{CATCH, CONSTANT_LOAD, DETENT, SPRING};
 use crate::effect::measurement::TIME_LAG;
 use crate::motion::MotionSettings;
 use crate::payload::is_seen;
@@ -32,8 +32,9 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays. Wherever much more than noise is left it is also
-/// made with a load and its dampers first: a damper may have taken the place of the load, or a ripple that of a damper.
+/// more than noise is left, the search is made without it, too, and that which leaves less stays. Wherever much more than noise is left
+/// and neither a spring nor a constant load came by itself, it is also made with a load and its dampers first: a damper may have taken the place of the
+/// load, or a ripple that of a damper.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -45,7 +46,11 @@ pub fn diagnose_without(
     let mut first = First::Any;
     let mut best = searched(samples, settings, barred, first)?;
     let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
-    if best.is_far() {
+    let pressed = |effect: &NamedEffect| {
+        let kind = effect.found.kind;
+        kind.is(&SPRING) || kind.is(&CONSTANT_LOAD)
+    };
+    if best.is_far() && !best.effects.iter().any(pressed) {
         let other = shown(with_a_load(samples, settings, barred))?.flatten();
         if let Some(other) = other
             && loaded(&other)

@@ -9,7 +9,7 @@ use super::model::{Found, grid_points, is_load, object_of, signs_hold};
 use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
 use super::search::{Refused, State};
-use super::shapes::{ENOUGH, moments, polished};
+use super::shapes::{ENOUGH, ENOUGH_AT_LAST, moments, polished};
 use super::start::UNASKED;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search};
@@ -123,7 +123,7 @@ impl State {
         self.polish_until(ENOUGH)
     }
 
-    /// As [`polished`] of what is found, and with its `enough`.
+    /// Polishes the shapes of all effects together until an iteration gains less than `enough`.
     pub(super) fn polish_until(&mut self, enough: f64) -> Result<(), DynamicsError> {
         // Beside a curve the loads stay as they were before it.
         let curved = !self.ground.curve.is_empty();
@@ -357,7 +357,7 @@ impl State {
     pub(super) fn in_place_of(
         &self,
         i: usize,
-        most: f64,
+        most_ratio: f64,
     ) -> Result<(Option<Look>, f64), DynamicsError> {
         let x = self.without(i)?;
         let efforts = vec![self.ground.y.clone()];
@@ -365,7 +365,7 @@ impl State {
         let own = self
             .own_mse(&problem, &self.effects[i].0)
             .unwrap_or(f64::INFINITY);
-        let seen = look(&self.ground, &self.bank, &x, &efforts, most * own)?;
+        let seen = look(&self.ground, &self.bank, &x, &efforts, most_ratio * own)?;
         Ok((seen, own))
     }
 
@@ -407,7 +407,7 @@ impl State {
         let mut place = 0..;
         self.effects
             .retain(|_| place.next().is_none_or(|i| !places[1..].contains(&i)));
-        self.polish()?;
+        self.polish_until(ENOUGH_AT_LAST)?;
         if self.error_with_signs()? > price * before {
             self.effects = as_was;
         }
