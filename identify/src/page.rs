@@ -5,7 +5,7 @@
 use serde::Serialize;
 
 use crate::analysis::{Analysis, FitSeries, Verdict};
-use crate::digits::with_std;
+use crate::digits::{figure, with_std};
 use crate::pipeline::Identified;
 use crate::report::Report;
 use crate::report::effects::EffectEntry;
@@ -107,8 +107,8 @@ fn sentences(report: &Report) -> Vec<String> {
             (high - low).to_degrees()
         ),
         JointKind::Prismatic => format!(
-            "It slides along a straight line; it was moved over {:.2} m.",
-            high - low
+            "It slides along a straight line; it was moved over {} m.",
+            two_decimals(high - low)
         ),
     }];
     let known = |name: &str| {
@@ -154,10 +154,10 @@ fn sentences(report: &Report) -> Vec<String> {
             });
         }
         out.push(format!(
-            "Inertia and friction alone leave {:.2} {unit}; what they lack looks like: {}. With that, {:.2} {unit} is left.",
-            first.held_out_rms[0],
+            "Inertia and friction alone leave {} {unit}; what they lack looks like: {}. With that, {} {unit} is left.",
+            two_decimals(first.held_out_rms[0]),
             names.join(", "),
-            last.held_out_rms[1]
+            two_decimals(last.held_out_rms[1])
         ));
     }
     // Named effects that leave nothing but noise have said it all.
@@ -199,10 +199,21 @@ fn sentences(report: &Report) -> Vec<String> {
             Verdict::NotIdentifiable => "but the parameters behind it cannot be told apart",
         };
         out.push(format!(
-            "On strokes it had not seen, the model is off by {error:.2} {unit} (noise alone: {floor:.2}), {quality}."
+            "On strokes it had not seen, the model is off by {} {unit} (noise alone: {}), {quality}.",
+            two_decimals(error),
+            two_decimals(floor)
         ));
     }
     out
+}
+
+/// Two decimals, and more of what is smaller.
+fn two_decimals(value: f64) -> String {
+    if value.abs() < 0.1 {
+        figure(value)
+    } else {
+        format!("{value:.2}")
+    }
 }
 
 /// Above so many times the floor an error is not called noise alone.

@@ -106,12 +106,19 @@ pub fn identify_confirmed(
         Ok((recording, tool, held))
     };
     let (others, read) = both(|| read_others(confirm, map, settings), read);
-    let (others, hashes): (Vec<_>, Vec<_>) = others?.into_iter().unzip();
+    let others = others?;
+    let damages: Vec<String> = others.iter().filter_map(Other::damage).collect();
+    let (others, hashes): (Vec<_>, Vec<_>) = others
+        .into_iter()
+        .map(|other| (other.named, other.sha256))
+        .unzip();
     let (recording, tool, held) = read?;
     if let Some(at) = hashes.iter().position(|hash| *hash == recording.sha256) {
         return Err(cannot_confirm(&confirm[at], IdentifyError::ConfirmsItself));
     }
-    identify_with(&recording, (tool, held), &others, settings, progress)
+    let mut identified = identify_with(&recording, (tool, held), &others, settings, progress)?;
+    identified.report.notes.extend(damages);
+    Ok(identified)
 }
 
 /// That a recording is damaged, where that may be why.
@@ -132,20 +139,39 @@ fn cannot_confirm(path: &Path, source: IdentifyError) -> IdentifyError {
     }
 }
 
-/// A recording's name and what it says of the joint.
-type NamedSamples = (String, JointSamples);
+/// A confirming recording.
+struct Other {
+    /// Its name and what it says of the joint.
+    named: (String, JointSamples),
+    sha256: String,
+    truncated: Option<String>,
+}
 
-/// The confirming recordings, and the hash of each file.
+impl Other {
+    fn damage(&self) -> Option<String> {
+        let damage = self.truncated.as_ref()?;
+        let file = &self.named.0;
+        Some(format!(
+            "{DAMAGED}: {file}: {damage}; what came before was used to confirm"
+        ))
+    }
+}
+
+/// The confirming recordings.
 fn read_others(
     confirm: &[PathBuf],
     map: &TopicMap,
     settings: &MotionSettings,
-) -> Result<Vec<(NamedSamples, String)>, IdentifyError> {
+) -> Result<Vec<Other>, IdentifyError> {
     let read = |path: &PathBuf| -> Result<_, IdentifyError> {
         let recording = Recording::load(path, map)?;
         let samples = joint_samples(&recording, settings)
             .map_err(|error| beside_damage(&recording, error))?;
-        Ok(((file_name(path), samples), recording.sha256))
+        Ok(Other {
+            named: (file_name(path), samples),
+            sha256: recording.sha256,
+            truncated: recording.health.truncated,
+        })
     };
     let each = confirm.iter();
     each.map(|path| read(path).map_err(|error| cannot_confirm(path, error)))

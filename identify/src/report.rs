@@ -24,6 +24,9 @@ use crate::paper::PaperFit;
 use crate::payload::Payload;
 use crate::screw::{Candidates, JointKind, ScrewAxis};
 
+/// What is left of the effort on a confirming recording, in times of what is left here and at least of this share, tells of another object.
+const ELSEWHERE: f64 = 3.0;
+const SMALL: f64 = 0.03;
 /// Names that leave so many noise floors are tentative.
 const TENTATIVE: f64 = 3.0;
 
@@ -396,6 +399,16 @@ impl Report {
                 self.notes.push(format!(
                     "{} shows an inertia of {there:.3} and not {own:.3}: is it another object, or another load? It cannot confirm much",
                     other.file
+                ));
+            }
+        }
+        for other in &analysis.confirmed {
+            let [here, there] = [analysis.named.relative_error, other.relative_error];
+            if other.other_inertia.is_none() && there > ELSEWHERE * here.max(SMALL) {
+                self.notes.push(format!(
+                    "the named effects leave {:.0} % of the effort on {} and {:.0} % here: is it another object, or was something changed? What was turned down for \
+                     it may be right here, and what it confirmed may not",
+                    100.0 * there, other.file, 100.0 * here
                 ));
             }
         }

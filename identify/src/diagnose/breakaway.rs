@@ -116,11 +116,27 @@ impl Breakaway {
         })
     }
 
+    fn is_unusual(&self) -> bool {
+        self.excess > UNUSUAL * self.sliding
+    }
+
+    /// Why it is no stiction for sure.
+    fn doubt(&self) -> String {
+        let Self {
+            excess,
+            std,
+            sliding,
+            count,
+        } = self;
+        format!(
+            "it takes {excess:.3} ± {std:.3} more to leave rest than to slide ({count} times away from the ends, {LEAST_COUNT} are needed): not surely more than \
+             half of the {sliding:.3} that sliding takes, which dry contacts have; start from rest more often, and slowly"
+        )
+    }
+
     /// Whether it may be one of several recordings that show it surely: beyond what dry contacts have and beyond chance, each alone.
     fn confirms(&self) -> bool {
-        self.count >= LEAST_COUNT
-            && self.excess > UNUSUAL * self.sliding
-            && self.excess > 2.0 * self.std
+        self.count >= LEAST_COUNT && self.is_unusual() && self.excess > 2.0 * self.std
     }
 }
 
@@ -236,7 +252,19 @@ pub(crate) fn add_stiction(
     let Some(here) = here else {
         return Ok(());
     };
+    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let held_out_rms = errors(&diagnosis.motion, &found)?;
+    let mut refuse = |reason| {
+        diagnosis.refused.push(Refused {
+            name: kind.name,
+            reason,
+            held_out_rms,
+        });
+    };
     if !here.confirms() {
+        if here.is_unusual() {
+            refuse(here.doubt());
+        }
         return Ok(());
     }
     let mut elsewhere = Vec::new();
@@ -248,17 +276,9 @@ pub(crate) fn add_stiction(
     }
     let all = elsewhere.iter().filter_map(|(_, there, _)| there.flatten());
     if !here.is_stiction() && !here.with(all).is_stiction() {
+        refuse(here.doubt());
         return Ok(());
     }
-    let held_out_rms = errors(&diagnosis.motion, &found)?;
-    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
-    let mut refuse = |reason| {
-        diagnosis.refused.push(Refused {
-            name: kind.name,
-            reason,
-            held_out_rms,
-        });
-    };
     let left = left_between_turns(&diagnosis.motion, &found)?;
     let left = left.min(diagnosis.model.held_out_rms);
     if left > MOST_LEFT * floor {

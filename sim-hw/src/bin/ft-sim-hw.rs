@@ -191,9 +191,16 @@ fn scenarios() -> Outcome {
 }
 
 fn sealed(arguments: &Sealed) -> Outcome {
-    if arguments.none + arguments.two + arguments.outside > 1.0 {
-        let text = "--none, --two and --outside add up to more than 1".to_owned();
-        return Err((2, text));
+    let Sealed {
+        none, two, outside, ..
+    } = arguments;
+    if none + two + outside > 1.0 {
+        return Err((
+            2,
+            format!(
+                "--none {none}, --two {two} and --outside {outside} add up to more than 1 (those that are not given have these values)"
+            ),
+        ));
     }
     let options = SealedOptions {
         none: arguments.none,
