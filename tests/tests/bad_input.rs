@@ -442,3 +442,21 @@ fn a_recording_of_another_joint_or_the_same_recording_confirms_nothing() {
         assert!(!folder.path().join("twin").exists());
     }
 }
+
+#[test]
+fn a_damaged_recording_confirms_as_far_as_it_goes_and_is_told() {
+    let folder = tempdir().unwrap();
+    for (seed, file) in [(5, "drawer.mcap"), (6, "other.mcap")] {
+        let _ = ft_tests::truth::record("drawer_light", seed, &folder.path().join(file));
+    }
+    let bytes = std::fs::read(folder.path().join("other.mcap")).unwrap();
+    let most = bytes.len() * 4 / 5;
+    std::fs::write(folder.path().join("cut.mcap"), &bytes[..most]).unwrap();
+    let arguments = ["drawer.mcap", "--confirm", "cut.mcap", "-o", "twin"];
+    let out = identify(folder.path(), &arguments).expect_code(3);
+    assert!(
+        out.stdout.contains("the file is damaged: cut.mcap: "),
+        "{}",
+        out.stdout
+    );
+}

@@ -5,6 +5,7 @@ use super::dampers::is_damper;
 use super::model::{Candidate, Found, is_known, is_smooth_load};
 use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
 use crate::dynamics::DynamicsError;
+use crate::effect::library::Kind;
 use crate::effect::load::{CATCH, CONSTANT_LOAD, DETENT, SPRING};
 use crate::effect::measurement::TIME_LAG;
 use crate::motion::MotionSettings;
@@ -33,8 +34,8 @@ pub fn diagnose(
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
 /// more than noise is left, the search is made without it, too, and that which leaves less stays. Wherever much more than noise is left
-/// and neither a spring nor a constant load came by itself, it is also made with a load and its dampers first: a damper may have taken the place of the
-/// load, or a ripple that of a damper.
+/// and no closer came by itself, it is also made with a load and its dampers first: a damper may have taken the place of the load, or a ripple that of a
+/// damper.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -46,11 +47,7 @@ pub fn diagnose_without(
     let mut first = First::Any;
     let mut best = searched(samples, settings, barred, first)?;
     let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
-    let pressed = |effect: &NamedEffect| {
-        let kind = effect.found.kind;
-        kind.is(&SPRING) || kind.is(&CONSTANT_LOAD)
-    };
-    if best.is_far() && !best.effects.iter().any(pressed) {
+    if best.is_far() && !has_a_closer(&best) {
         let other = shown(with_a_load(samples, settings, barred))?.flatten();
         if let Some(other) = other
             && loaded(&other)
@@ -126,6 +123,13 @@ fn with_a_load(
         return Ok(None);
     }
     state.complete().map(Some)
+}
+
+/// Whether a load presses against several dampers: a search that begins with one finds the same.
+fn has_a_closer(found: &Diagnosis) -> bool {
+    let kinds = || found.effects.iter().map(|effect| effect.found.kind);
+    let presses = |kind: &Kind| kind.is(&SPRING) || kind.is(&CONSTANT_LOAD);
+    kinds().any(presses) && kinds().filter(|kind| is_damper(kind)).count() > 1
 }
 
 /// Whether it is a load over the whole range that the effort showed.
