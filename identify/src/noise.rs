@@ -264,34 +264,49 @@ pub(crate) fn less_path(motion: &Motion, series: Vec<f64>) -> Result<Vec<f64>, M
     })
 }
 
-/// The part of a series that is a smooth function of the coordinate.
+/// The part of a series that is a smooth function of the coordinate, by the velocities: where a tracker wanders is no path, and strokes that
+/// are faster than it wanders tell them apart.
 fn by_coordinate(motion: &Motion, series: &[f64]) -> Vec<f64> {
     let (low, high) = extrema(&motion.q);
-    let basis = |q: f64| -> SVector<f64, PATH_TERMS> {
-        let x = 2.0 * (q - low) / (high - low).max(f64::MIN_POSITIVE) - 1.0;
-        let mut out = SVector::from_element(1.0);
-        out[1] = x;
-        for k in 2..PATH_TERMS {
-            out[k] = 2.0 * x * out[k - 1] - out[k - 2];
-        }
-        out
-    };
+    let basis: Vec<SVector<f64, PATH_TERMS>> = motion
+        .q
+        .iter()
+        .map(|q| {
+            let x = 2.0 * (q - low) / (high - low).max(f64::MIN_POSITIVE) - 1.0;
+            let mut out = SVector::from_element(x);
+            let mut before = 1.0;
+            for k in 1..PATH_TERMS {
+                out[k] = 2.0 * x * out[k - 1] - before;
+                before = out[k - 1];
+            }
+            out
+        })
+        .collect();
     let mut gram = SMatrix::<f64, PATH_TERMS, PATH_TERMS>::zeros();
     let mut right = SVector::<f64, PATH_TERMS>::zeros();
-    for (q, value) in motion.q.iter().zip(series) {
-        let row = basis(*q);
-        gram += row * row.transpose();
-        right += row * *value;
+    for run in &motion.runs {
+        let steps = basis[run.clone()]
+            .windows(2)
+            .zip(series[run.clone()].windows(2));
+        for (basis, series) in steps {
+            let row = basis[1] - basis[0];
+            gram += row * row.transpose();
+            right += row * (series[1] - series[0]);
+        }
     }
     let Some(factor) = gram.cholesky() else {
         return vec![0.0; series.len()];
     };
     let theta = factor.solve(&right);
-    motion.q.iter().map(|q| basis(*q).dot(&theta)).collect()
+    let path: Vec<f64> = basis.iter().map(|basis| basis.dot(&theta)).collect();
+    // Where the path lies at rest no velocity says.
+    let aside = series.iter().sum::<f64>() - path.iter().sum::<f64>();
+    let aside = aside / series.len().max(1) as f64;
+    path.iter().map(|path| path + aside).collect()
 }
 
-/// Chebyshev polynomials of the coordinate that a path may have, the constant among them.
-const PATH_TERMS: usize = 7;
+/// Chebyshev polynomials of the coordinate that a path may have, beside the constant.
+const PATH_TERMS: usize = 6;
 
 /// Some series at the work rate of noise that is white at the samples' own, the same each time.
 fn white_series(motion: &Motion, samples: &JointSamples, std: f64) -> Vec<Vec<f64>> {

@@ -339,6 +339,32 @@ fn what_is_left_of_a_spring_stands_against_q() {
     assert!(shares[0].share > 0.25, "{shares:?}");
 }
 
+/// A tracker that wanders by more than it scatters, beside a path that is crooked by a centimetre.
+#[test]
+fn a_crooked_path_is_no_noise_and_takes_none_away() {
+    let settings = MotionSettings::default();
+    let mut straight = record(&PLAIN, 60.0, [4e-5, 0.1], 9);
+    let mut rng = ChaCha8Rng::seed_from_u64(10);
+    let mut wander = 0.0;
+    let keeps = 1.0 - straight.period / 10.0;
+    for noise in &mut straight.noise_of_q[0] {
+        let step: f64 = StandardNormal.sample(&mut rng);
+        wander = keeps * wander + (1.0 - keeps * keeps).sqrt() * 1.5e-3 * step;
+        *noise += wander;
+    }
+    let mut crooked = straight.clone();
+    for (noise, q) in crooked.noise_of_q[0].iter_mut().zip(&crooked.q) {
+        *noise += 0.01 * (2.0 * q).cos();
+    }
+    let shake = |samples: &JointSamples| {
+        let motion = Motion::prepare(samples, &settings).unwrap();
+        let ddq = motion.second_derivative(&motion.noise_of_q[0]);
+        rms(&motion.regressor(&ddq).unwrap())
+    };
+    let ratio = shake(&crooked) / shake(&straight);
+    assert!((0.97..1.03).contains(&ratio), "{ratio}");
+}
+
 /// What a complete model leaves is no burst; a seal that sticks a little at every third opening is one, where it is; outliers are, at no one place.
 #[test]
 fn a_residual_that_bursts_is_no_noise() {

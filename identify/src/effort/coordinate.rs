@@ -1,5 +1,7 @@
 //! The joint's coordinate from the tool's poses, and what the poses' noise makes of it.
 
+mod slide;
+
 use core::ops::Range;
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
@@ -39,10 +41,23 @@ impl Coordinate {
                 let way = path.iter().map(|p| e.dot(&(p - joint.tool_position)));
                 way.collect()
             };
+            let across = [along(first), along(second)];
+            let noise = if joint.uses_rotations {
+                let held = joint.tool_rotation.inverse();
+                let rests = index
+                    .iter()
+                    .map(|&i| (tool.rotation[i] * held).scaled_axis());
+                let rests: Vec<Vector3<f64>> = rests.collect();
+                let part = |e: Vector3<f64>| rests.iter().map(|rest| rest.dot(&e)).collect();
+                let tilts = [first, second, direction].map(part);
+                slide::noise(across, &tilts, runs, tool.period, ABOVE_HANDS * cutoff_hz)?
+            } else {
+                across
+            };
             return Ok(Self {
                 q: along(direction),
                 by_path: 1.0,
-                noise: vec![along(first), along(second)],
+                noise: noise.to_vec(),
                 beside: Vec::new(),
             });
         }
@@ -181,23 +196,8 @@ impl Shaken {
         period: f64,
         below_hz: f64,
     ) -> Result<Self, MotionError> {
-        let shaken = |series: &Vec<f64>| -> Result<Vec<f64>, MotionError> {
-            let mut out = Vec::new();
-            for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
-                out.extend(acceleration_below(&series[run.clone()], period, below_hz)?);
-            }
-            Ok(out)
-        };
-        let [up, out] = across.each_ref().map(shaken);
-        let [roll, pitch] = tilts.each_ref().map(shaken);
-        let all = [up?, out?, roll?, pitch?];
-        let stretch = (STRETCH_S / period).ceil() as usize;
-        let usual = usual(&all, stretch);
-        let [up, out, roll, pitch] = all.map(|series| {
-            let stretches = series.chunks(stretch).zip(&usual);
-            let stretches = stretches.filter(|(_, usual)| **usual);
-            stretches.flat_map(|(part, _)| part).copied().collect()
-        });
+        let [[up, out], [roll, pitch]] = [across, tilts];
+        let [up, out, roll, pitch] = shaken([up, out, roll, pitch], runs, period, below_hz)?;
         Ok(Self {
             across: [up, out],
             tilts: [roll, pitch],
@@ -205,8 +205,30 @@ impl Shaken {
     }
 }
 
+/// Accelerations below a frequency of series, away from where the tool slid.
+fn shaken<const N: usize>(
+    all: [&[f64]; N],
+    runs: &[Range<usize>],
+    period: f64,
+    below_hz: f64,
+) -> Result<[Vec<f64>; N], MotionError> {
+    let mut accelerations = [const { Vec::new() }; N];
+    for run in runs.iter().filter(|run| run.len() as f64 * period > 1.0) {
+        for (out, series) in accelerations.iter_mut().zip(all) {
+            out.extend(acceleration_below(&series[run.clone()], period, below_hz)?);
+        }
+    }
+    let stretch = (STRETCH_S / period).ceil() as usize;
+    let usual = usual(&accelerations, stretch);
+    Ok(accelerations.map(|series| {
+        let stretches = series.chunks(stretch).zip(&usual);
+        let stretches = stretches.filter(|(_, usual)| **usual);
+        stretches.flat_map(|(part, _)| part).copied().collect()
+    }))
+}
+
 /// Stretches in which none of the series has many times its usual square: a tool that slides on the handle is no noise.
-fn usual(all: &[Vec<f64>; 4], stretch: usize) -> Vec<bool> {
+fn usual(all: &[Vec<f64>], stretch: usize) -> Vec<bool> {
     let mut usual = vec![true; all[0].len().div_ceil(stretch)];
     for series in all {
         let squares: Vec<f64> = series.chunks(stretch).map(|s| rms(s).powi(2)).collect();
