@@ -13,7 +13,7 @@ use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel;
 use crate::products::combine;
 use crate::random::Random;
-use crate::samples::JointSamples;
+use crate::samples::{Aside, JointSamples};
 
 /// At most so many times the level of the estimated noise is the null raised, towards what the model leaves.
 const MOST_RAISED: f64 = 1.6;
@@ -102,7 +102,10 @@ fn error_of(
         } else {
             vec![noise.clone()]
         },
-        aside: crate::samples::Aside::default(),
+        aside: Aside {
+            across: motion.across.clone(),
+            ..Aside::default()
+        },
     };
     left_by(&motion.prepare_alike(&noisy, settings)?, effects, theta)
 }

@@ -1,5 +1,6 @@
 //! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
 
+use super::gates::limit;
 use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
 use super::score::Problem;
 use super::shapes::{ENOUGH, moments, polished};
@@ -32,6 +33,15 @@ pub(super) struct Look {
     pub(super) ranked: Vec<Ranked>,
     /// Best score that chance gave, by replicate.
     pub(super) chance: Vec<f64>,
+}
+
+impl Look {
+    /// The least error on held-out blocks, rms, of the current model and of candidates that help more than chance does.
+    pub(super) fn least_beyond_chance(&self) -> f64 {
+        let most = limit(&self.chance);
+        let sure = self.ranked.iter().filter(|entry| entry.score > most);
+        sure.map(|entry| entry.mse).fold(self.mse, f64::min).sqrt()
+    }
 }
 
 /// Kinds that are refined, from the best.

@@ -312,9 +312,13 @@ impl State {
             REPLICATES,
         )?;
         efforts.extend(simulated);
-        self.level = level.min(MOST_ABOVE * self.floor.rms);
-        self.floor.rms = self.floor.rms.max(self.level);
+        let sensors = self.floor.rms;
+        self.level = level.min(MOST_ABOVE * sensors);
         let seen = look(&self.ground, &self.bank, &x, &efforts, f64::INFINITY)?;
+        // No model leaves less than noise: where one does, the simulated recordings have too much.
+        let least = seen.as_ref().map(Look::least_beyond_chance);
+        self.level = self.level.min(least.unwrap_or(f64::INFINITY).max(sensors));
+        self.floor.rms = sensors.max(self.level);
         Ok(seen.map(|seen| (x, seen)))
     }
 
