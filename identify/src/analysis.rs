@@ -12,7 +12,7 @@ use crate::diagnose::{
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, fit_jointly,
-    fit_parametric, structure,
+    fit_parametric, shape, structure,
 };
 use crate::effect::BiasDrift;
 use crate::effect::library::Belongs;
@@ -32,7 +32,7 @@ use crate::screw::JointKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The held-out residual is at the noise floor.
+    /// The held-out residual is at the noise floor, and white.
     Explained,
     /// Structure remains.
     Unexplained,
@@ -156,7 +156,9 @@ pub fn analyse_confirmed(
     let found = diagnosis.found();
     let floor = floor_of(samples, motion, &full, &found)?;
     let tau = motion.regressor(&motion.tau)?;
-    let (mut verdict, unexplained_fraction) = judge(&named, &found, floor.rms, rms(&tau));
+    let structure = structure(motion, &named.residual, named.effective_samples);
+    let left = (&named, structure.as_slice());
+    let (mut verdict, unexplained_fraction) = judge(left, &found, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
     if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;
@@ -174,7 +176,7 @@ pub fn analyse_confirmed(
     Ok(Analysis {
         kind: samples.kind,
         q_range: [low, high],
-        structure: structure(motion, &named.residual, named.effective_samples),
+        structure,
         lag,
         bursts,
         verdict,
@@ -554,10 +556,11 @@ fn beside_mechanism(
     Ok((model, jointly))
 }
 
-/// Verdict and unexplained share of a model with `effects`.
+/// Verdict and unexplained share of a model with `effects`, and of what its residual stands against: what is explained leaves as much as noise
+/// does, and is white.
 #[must_use]
 pub fn judge(
-    model: &EffortModel,
+    (model, structure): (&EffortModel, &[Structure]),
     effects: &[Found],
     floor: f64,
     effort_rms: f64,
@@ -568,13 +571,17 @@ pub fn judge(
     } else {
         SURELY_BELOW
     };
-    let over = (model.held_out_rms.powi(2) - floor.powi(2)).max(0.0).sqrt();
+    let left = model.held_out_rms;
+    let shape = shape(structure);
     let verdict = if model.terms.iter().all(|term| term.value.is_none()) {
         Verdict::NotIdentifiable
-    } else if model.held_out_rms <= most * floor {
+    } else if left <= most * floor && shape.is_none() {
         Verdict::Explained
     } else {
         Verdict::Unexplained
     };
+    let above = left.powi(2) - floor.powi(2);
+    let shaped = shape.map_or(0.0, |shape| shape.share * left.powi(2));
+    let over = above.max(shaped).sqrt();
     (verdict, over / effort_rms.max(f64::MIN_POSITIVE))
 }

@@ -30,7 +30,7 @@ mod together;
 pub(crate) use breakaway::add_stiction;
 pub(crate) use confirm::shown;
 pub use confirm::{Confirmation, confirm};
-pub use evidence::{Evidence, evidence, since_reversal};
+pub use evidence::{Evidence, evidence};
 pub(crate) use gates::gives;
 pub use model::Found;
 pub(crate) use model::{beside_rigid, per_velocity};

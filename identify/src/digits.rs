@@ -19,6 +19,11 @@ pub(crate) fn figure(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
+/// To six digits, to keep files small.
+pub(crate) fn six(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -19,7 +19,7 @@ pub use bursts::{Bursts, bursts};
 pub use joint::JointFit;
 pub(crate) use left_out::covariance_of_columns;
 pub(crate) use shaped::{Shaped, fit_shapes, model_with};
-pub use structure::{Structure, structure};
+pub use structure::{Structure, shape, structure};
 
 use std::collections::BTreeMap;
 

@@ -18,6 +18,7 @@ mod rows;
 mod sparse;
 mod stroke;
 mod turn;
+mod variables;
 mod visits;
 
 pub use sparse::SparseColumns;

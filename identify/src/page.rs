@@ -191,7 +191,7 @@ fn sentences(report: &Report) -> Vec<String> {
             }
             Verdict::Explained => "which is all that the sensors' noise allows",
             Verdict::Unexplained if error <= NOISE_ALONE * floor => {
-                "about as little as noise with the mechanism, but what is named leaves more alone"
+                "about as little as noise with the mechanism, but what is named leaves more alone, or what is no noise"
             }
             Verdict::Unexplained => {
                 "more than the sensors' noise explains: something may be missing in the model"

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use ft_identify::analysis::{Verdict, analyse, analyse_confirmed, judge};
 use ft_identify::diagnose::{Diagnosis, Found, NamedEffect, confirm, diagnose};
+use ft_identify::dynamics::Structure;
 use ft_identify::effect::library::kind;
 use ft_identify::motion::MotionSettings;
 use ft_identify::report::{Input, Joint, Report};
@@ -340,7 +341,7 @@ fn play_and_pads_explain_what_comes_nearer_to_the_floor_than_others_must() {
             object: Arc::default(),
             datum: 0.0,
         };
-        judge(model, &[found], model.held_out_rms / floors, 1.0).0
+        judge((model, &[]), &[found], model.held_out_rms / floors, 1.0).0
     };
     for name in ["backlash", "grasp_compliance"] {
         assert_eq!(verdict(name, 1.02), Verdict::Explained);
@@ -348,6 +349,32 @@ fn play_and_pads_explain_what_comes_nearer_to_the_floor_than_others_must() {
     }
     assert_eq!(verdict("spring", 1.05), Verdict::Explained);
     assert_eq!(verdict("spring", 1.12), Verdict::Unexplained);
+}
+
+/// As little as noise, and not white; errors of the motion stand against ddq all the same.
+#[test]
+fn what_stands_against_a_variable_is_not_explained() {
+    let samples = Drawer::with(|_, _, _, _| 0.0).record(30.0, 141);
+    let model = &analyse(&samples, &MotionSettings::default()).unwrap().named;
+    let judged = |variable, share, chance| {
+        let structure = [Structure {
+            variable,
+            share,
+            chance,
+            x: Vec::new(),
+            mean: Vec::new(),
+        }];
+        let floor = model.held_out_rms / 0.95;
+        judge((model, &structure), &[], floor, model.held_out_rms)
+    };
+    for variable in ["q", "dq", "sign", "time"] {
+        let (verdict, fraction) = judged(variable, 0.06, 0.01);
+        assert_eq!(verdict, Verdict::Unexplained, "{variable}");
+        assert!((fraction - 0.06_f64.sqrt()).abs() < 1e-9, "{fraction}");
+        assert_eq!(judged(variable, 0.03, 0.001).0, Verdict::Explained);
+        assert_eq!(judged(variable, 0.06, 0.03).0, Verdict::Explained);
+    }
+    assert_eq!(judged("ddq", 0.08, 0.01).0, Verdict::Explained);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::model::{Found, RIGID};
 use super::search::NamedEffect;
+use crate::digits::six;
 use crate::dynamics::EffortModel;
 use crate::effect::library::Variable;
 use crate::motion::{Motion, MotionError};
@@ -80,27 +81,6 @@ fn variable(motion: &Motion, variable: Variable) -> Vec<f64> {
         Variable::Dq => motion.dq.clone(),
         Variable::Ddq => motion.ddq.clone(),
         Variable::Time => motion.time.clone(),
-        Variable::SinceReversal => since_reversal(motion),
+        Variable::SinceReversal => motion.since_reversal(),
     }
-}
-
-/// Way gone since the velocity last changed its sign.
-#[must_use]
-pub fn since_reversal(motion: &Motion) -> Vec<f64> {
-    let mut out = vec![0.0; motion.q.len()];
-    for run in &motion.runs {
-        let mut turned = motion.q[run.start];
-        for i in run.clone() {
-            if i > run.start && motion.dq[i] * motion.dq[i - 1] < 0.0 {
-                turned = motion.q[i];
-            }
-            out[i] = (motion.q[i] - turned).abs();
-        }
-    }
-    out
-}
-
-/// To six digits, to keep files small.
-fn six(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(0.0)
 }

@@ -6,7 +6,7 @@ use super::Report;
 use super::effects::EffectEntry;
 use crate::analysis::Verdict;
 use crate::digits::{figure, with_std};
-use crate::dynamics::{Bursts, Term};
+use crate::dynamics::{Bursts, Term, shape};
 use crate::screw::JointKind;
 
 impl Report {
@@ -219,13 +219,15 @@ impl Report {
                     ),
                     _ => String::new(),
                 };
-                let against = match self.last.structure.first().filter(|s| s.share > 0.05) {
+                let strongest = self.last.structure.first().filter(|s| s.share > 0.05);
+                let against = match shape(&self.last.structure).or(strongest) {
                     Some(s) => format!(
                         "it depends most on {} ({:.0} % of it)",
-                        s.variable,
+                        s.in_words(),
                         100.0 * s.share
                     ),
-                    None => "it depends on none of q, dq, ddq, sign, time".to_owned(),
+                    None => "it depends on none of q, dq, ddq, sign, time, the way since a reversal, the off-axis force"
+                        .to_owned(),
                 };
                 format!(
                     "unexplained: {share:.1} % of the effort is neither named nor noise; {against}{beside}"

@@ -130,7 +130,7 @@ pub fn identify_published(
         wrench_rms: f64::NAN,
         position_rms: f64::NAN,
     };
-    let (verdict, unexplained_fraction) = judge(&full, &[], floor.rms, rms(&kept.tau));
+    let (verdict, unexplained_fraction) = judge((&full, &[]), &[], floor.rms, rms(&kept.tau));
     Ok(Analysis {
         kind,
         q_range: [low, high],
