@@ -12,7 +12,7 @@ use crate::diagnose::{
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, fit_jointly,
-    fit_parametric, shape, structure,
+    fit_parametric, not_white, structure,
 };
 use crate::effect::BiasDrift;
 use crate::effect::library::Belongs;
@@ -80,13 +80,14 @@ pub struct Analysis {
     pub lag: Option<Lag>,
     /// What a complete model would leave.
     pub floor: NoiseFloor,
-    /// Against what the full model's residual stands, strongest first.
+    /// Against what the named model's residual stands, strongest first.
     pub structure: Vec<Structure>,
     /// How what the named effects leave comes in bursts, where it does.
     pub bursts: Option<Bursts>,
     /// The verdict.
     pub verdict: Verdict,
-    /// What is neither modelled nor noise, as a share of the effort (amplitudes): sqrt(held_out^2 - floor^2) / rms(tau).
+    /// What is neither named nor noise, as a share of the effort (amplitudes): sqrt(held_out^2 - floor^2) / rms(tau), or what stands against one variable
+    /// where that is more.
     pub unexplained_fraction: f64,
     /// How the motion was prepared.
     pub settings: MotionSettings,
@@ -156,15 +157,15 @@ pub fn analyse_confirmed(
     let found = diagnosis.found();
     let floor = floor_of(samples, motion, &full, &found)?;
     let tau = motion.regressor(&motion.tau)?;
-    let structure = structure(motion, &named.residual, named.effective_samples);
-    let left = (&named, structure.as_slice());
+    // What is below the digits of a file is arithmetic, and no noise to compare with.
+    let is_noise = floor.rms > LEAST_FLOOR * rms(&tau);
+    let structure = structure(motion, &named.residual, named.effective_samples)?;
+    let left = (&named, if is_noise { structure.as_slice() } else { &[] });
     let (mut verdict, unexplained_fraction) = judge(left, &found, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());
     if nothing && (diagnosis.effects.is_empty() || motion.goes_one_way()) {
         verdict = Verdict::NotIdentifiable;
     }
-    // What is below the digits of a file is arithmetic, and no noise to compare with.
-    let is_noise = floor.rms > LEAST_FLOOR * rms(&tau);
     let bursts = is_noise
         .then(|| bursts(motion, &named.residual, named.effective_samples))
         .flatten();
@@ -572,16 +573,16 @@ pub fn judge(
         SURELY_BELOW
     };
     let left = model.held_out_rms;
-    let shape = shape(structure);
+    let not_white = not_white(structure);
     let verdict = if model.terms.iter().all(|term| term.value.is_none()) {
         Verdict::NotIdentifiable
-    } else if left <= most * floor && shape.is_none() {
+    } else if left <= most * floor && not_white.is_none() {
         Verdict::Explained
     } else {
         Verdict::Unexplained
     };
     let above = left.powi(2) - floor.powi(2);
-    let shaped = shape.map_or(0.0, |shape| shape.share * left.powi(2));
+    let shaped = not_white.map_or(0.0, |one| one.share * left.powi(2));
     let over = above.max(shaped).sqrt();
     (verdict, over / effort_rms.max(f64::MIN_POSITIVE))
 }

@@ -19,7 +19,7 @@ pub use bursts::{Bursts, bursts};
 pub use joint::JointFit;
 pub(crate) use left_out::covariance_of_columns;
 pub(crate) use shaped::{Shaped, fit_shapes, model_with};
-pub use structure::{Structure, shape, structure};
+pub use structure::{Structure, not_white, structure};
 
 use std::collections::BTreeMap;
 
@@ -619,4 +619,4 @@ impl Evidence {
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
-pub(crate) use tests::probing;
+pub(crate) use tests::{drawn, probing};

@@ -2,7 +2,7 @@
 //!
 //! - Wrench: away from turns, the effort above 30 Hz (or the upper half of the band) is taken as noise and as white. Simulated noise
 //!   of that size goes through the rests and the filter.
-//! - Position: the residuals across the motion have the tracker's noise and nothing else; they go through the same
+//! - Position: the residuals across the motion have the tracker's noise and nothing else, but for what its rotations do; they go through the same
 //!   derivatives, the same rests and the same filter and are weighed with the inertia, the tool's own among it, all damping where it
 //!   is, and the slope of the load. For hinges also as relative error of the lever. Where there are none (tables), white noise does so,
 //!   as large as the position's own content in the upper half of its band; at low sample rates that is motion, too, so that

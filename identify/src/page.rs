@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::analysis::{Analysis, FitSeries, Verdict};
 use crate::digits::{figure, with_std};
+use crate::dynamics::not_white;
 use crate::pipeline::Identified;
 use crate::report::Report;
 use crate::report::effects::EffectEntry;
@@ -185,13 +186,22 @@ fn sentences(report: &Report) -> Vec<String> {
         }
     }
     if let (Some(error), Some(floor)) = (report.last.held_out_rms, report.last.noise_floor_rms) {
+        let alone;
         let quality = match report.last.verdict {
             Verdict::Explained if error > NOISE_ALONE * floor => {
                 "more than noise, though what is named leaves no more than that without the mechanism"
             }
             Verdict::Explained => "which is all that the sensors' noise allows",
             Verdict::Unexplained if error <= NOISE_ALONE * floor => {
-                "about as little as noise with the mechanism, but what is named leaves more alone, or what is no noise"
+                alone = match not_white(&report.last.structure) {
+                    Some(one) => format!(
+                        "about as little as noise with the mechanism, but what the named effects leave alone depends on {}",
+                        one.variable.in_words()
+                    ),
+                    None => "about as little as noise with the mechanism, but what is named leaves more alone"
+                        .to_owned(),
+                };
+                alone.as_str()
             }
             Verdict::Unexplained => {
                 "more than the sensors' noise explains: something may be missing in the model"

@@ -21,7 +21,7 @@ pub struct JointSamples {
     /// Effort applied to the object as measured.
     pub tau: Vec<f64>,
     /// Series that carry the position sensor's noise and nothing else, in the unit of `q` (for a tracker: the residuals
-    /// across the motion). Empty when there are none.
+    /// across the motion, with what its rotations do along it). Empty when there are none.
     pub noise_of_q: Vec<Vec<f64>>,
     /// What else the tool knows.
     pub aside: Aside,
@@ -49,8 +49,7 @@ pub struct Aside {
     pub lies: bool,
     /// A change of the tool or its sensor that free air after the release showed, and that the effort is rid of.
     pub change: Option<Change>,
-    /// Where the tool is across its path, in the unit of `q`, where `noise_of_q` shows less of it because the coordinate comes from
-    /// orientations, too.
+    /// Where the tool is across its path, in the unit of `q`, where `noise_of_q` is not that alone because orientations are in it, too.
     pub beside: Vec<Vec<f64>>,
     /// What the floor is at most, in the unit of the effort: the held-out error of the most flexible model, where the noise that the
     /// position seems to have would make more than that. For tables only.

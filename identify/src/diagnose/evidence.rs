@@ -40,7 +40,9 @@ pub fn evidence(
                 return Ok(None);
             }
             let own = own_effort(motion, &effect.found, model.theta.as_slice(), &mut at)?;
-            let x = motion.at_kept(&variable(motion, effect.found.kind.variable));
+            let variable = effect.found.kind.variable;
+            let against = motion.variable(variable).into_iter().next();
+            let x = motion.at_kept(&against.unwrap_or_default());
             let each = |series: &[f64]| series.iter().step_by(step).map(|v| six(*v)).collect();
             let without: Vec<f64> = model
                 .residual
@@ -49,7 +51,7 @@ pub fn evidence(
                 .map(|(r, o)| r + o)
                 .collect();
             Ok(Some(Evidence {
-                variable: effect.found.kind.variable,
+                variable,
                 x: each(&x),
                 before: each(&without),
                 after: each(&model.residual),
@@ -73,14 +75,4 @@ fn own_effort(
         }
     }
     Ok(sum)
-}
-
-fn variable(motion: &Motion, variable: Variable) -> Vec<f64> {
-    match variable {
-        Variable::Q => motion.q.clone(),
-        Variable::Dq => motion.dq.clone(),
-        Variable::Ddq => motion.ddq.clone(),
-        Variable::Time => motion.time.clone(),
-        Variable::SinceReversal => motion.since_reversal(),
-    }
 }

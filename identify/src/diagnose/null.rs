@@ -166,3 +166,42 @@ fn mirrored(at: usize, count: usize) -> usize {
     let at = at % (2 * count);
     at.min(2 * count - 1 - at)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::dynamics::drawn;
+    use crate::effect::axis::AXIS_OFFSET;
+
+    /// What an axis does that moves is in the simulated recordings as it is in the model.
+    #[test]
+    fn forces_across_the_joint_are_in_what_is_simulated() {
+        let mut samples = drawn();
+        let force = |w: f64| samples.time.iter().map(|t| 20.0 * (w * t).sin()).collect();
+        samples.aside.across = vec![force(0.7), force(1.9)];
+        let settings = MotionSettings::default();
+        let ground = Ground::of(Motion::prepare(&samples, &settings).unwrap()).unwrap();
+        let floor = NoiseFloor {
+            rms: 0.1,
+            wrench_rms: 0.1,
+            position_rms: 0.0,
+        };
+        let left = |effects: &[Found], theta: &[f64]| {
+            replicates(&ground, effects, (theta, 0.1), &floor, &settings, 4)
+                .unwrap()
+                .1
+        };
+        let moved = Found {
+            kind: &AXIS_OFFSET,
+            shape: vec![0.0, 1.2],
+            used: vec![true, true],
+            object: Arc::default(),
+            datum: 0.0,
+        };
+        let without = left(&[], &[2.5, 1.2, 0.8]);
+        let with = left(&[moved], &[2.5, 1.2, 0.8, 0.03, -0.02]);
+        assert!(with < 1.1 * without, "{with} with, {without} without");
+    }
+}

@@ -4,7 +4,7 @@ use super::gates::limit;
 use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
 use super::score::Problem;
 use super::shapes::{ENOUGH, moments, polished};
-use crate::effect::library::{Kind, Search, Shape};
+use crate::effect::library::{Belongs, Kind, Search, Shape};
 use crate::least_squares::rms;
 use crate::motion::MotionError;
 use crate::parallel::in_parallel;
@@ -36,10 +36,12 @@ pub(super) struct Look {
 }
 
 impl Look {
-    /// The least error on held-out blocks, rms, of the current model and of candidates that help more than chance does.
+    /// The least error on held-out blocks, rms, of the current model and of the object's effects that help more than chance does: one that belongs to
+    /// the recording may help by what noise there is.
     pub(super) fn least_beyond_chance(&self) -> f64 {
         let most = limit(&self.chance);
-        let sure = self.ranked.iter().filter(|entry| entry.score > most);
+        let sure = |entry: &&Ranked| entry.score > most && entry.kind.belongs == Belongs::Object;
+        let sure = self.ranked.iter().filter(sure);
         sure.map(|entry| entry.mse).fold(self.mse, f64::min).sqrt()
     }
 }

@@ -1,22 +1,19 @@
 //! Against which variable a residual still has shape.
 
-use core::borrow::Borrow as _;
-use std::borrow::Cow;
-
 use crate::digits::six;
-use crate::motion::Motion;
+use crate::effect::library::Variable;
+use crate::motion::{Motion, MotionError};
 use crate::samples::quantile;
 
 /// Share of a residual's variance that one variable explains.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Structure {
-    /// `q`, `dq`, `ddq`, `sign` (of the velocity), `time`, `since_reversal` (the way since then) or `off_axis` (force across the path, N: of a
-    /// hinge that away from its axis).
-    pub variable: &'static str,
+    /// Which.
+    pub variable: Variable,
     /// Share of the variance explained by the means of up to 16 bins, corrected for their number; 0 to 1.
     pub share: f64,
-    /// Standard deviation of that by chance.
-    #[serde(skip)]
+    /// What white noise has of that in one recording of three hundred, and errors of the motion make of it, which are in the acceleration and in the
+    /// residual.
     pub chance: f64,
     /// Mean of the variable in each bin, SI.
     pub x: Vec<f64>,
@@ -24,67 +21,79 @@ pub struct Structure {
     pub mean: Vec<f64>,
 }
 
-impl Structure {
-    /// The variable as a sentence has it.
-    #[must_use]
-    pub fn in_words(&self) -> &'static str {
-        match self.variable {
-            "since_reversal" => "the way since a reversal",
-            "off_axis" => "the off-axis force",
-            name => name,
-        }
-    }
-}
-
-/// What a residual that is not white stands against most. Against `ddq` every one stands a little: errors of the motion are in the
-/// acceleration, and in the residual with the other sign.
+/// What a residual that is not white stands against most.
 #[must_use]
-pub fn shape(structure: &[Structure]) -> Option<&Structure> {
+pub fn not_white(structure: &[Structure]) -> Option<&Structure> {
     structure
         .iter()
-        .find(|one| one.variable != "ddq" && one.share > NO_NOISE && one.share > SURE * one.chance)
+        .find(|one| one.share > WHITE_BELOW.max(one.chance))
 }
 
-/// Noise stands against a variable with less of its variance.
-const NO_NOISE: f64 = 0.04;
-/// Standard deviations beyond which it is no chance: one of six variables in six hundred recordings.
-const SURE: f64 = 3.5;
+/// A residual is white with less of its variance against each variable, however sure that is.
+const WHITE_BELOW: f64 = 0.04;
+/// Standard deviations of a normal variable that chance exceeds once in three hundred times.
+const SURE: f64 = 2.71;
 
-/// The variables, the strongest first.
-#[must_use]
-pub fn structure(motion: &Motion, residual: &[f64], effective_samples: f64) -> Vec<Structure> {
-    let mut variables: Vec<(&'static str, Cow<'_, [f64]>)> = vec![
-        ("q", (&motion.q).into()),
-        ("dq", (&motion.dq).into()),
-        ("ddq", (&motion.ddq).into()),
-        ("sign", (&motion.sign).into()),
-        ("time", (&motion.time).into()),
-        ("since_reversal", motion.since_reversal().into()),
-    ];
-    let off_axis = motion.off_axis().into_iter();
-    variables.extend(off_axis.map(|force| ("off_axis", force.into())));
-    let explained = variables.iter().map(|(variable, series)| {
-        explained(
-            variable,
-            &motion.at_kept(series.borrow()),
-            residual,
-            effective_samples,
-        )
-    });
-    let mut out: Vec<Structure> = explained.collect();
+const VARIABLES: [Variable; 7] = [
+    Variable::Q,
+    Variable::Dq,
+    Variable::Ddq,
+    Variable::Sign,
+    Variable::Time,
+    Variable::SinceReversal,
+    Variable::OffAxis,
+];
+
+/// The variables, the strongest first; of two off-axis forces the stronger.
+///
+/// # Errors
+/// When the motion cannot be filtered.
+pub fn structure(
+    motion: &Motion,
+    residual: &[f64],
+    effective_samples: f64,
+) -> Result<Vec<Structure>, MotionError> {
+    let mut out = Vec::new();
+    for variable in VARIABLES {
+        let made = if variable == Variable::Ddq {
+            made_by_errors(motion, effective_samples)?
+        } else {
+            0.0
+        };
+        let each = motion.variable(variable).into_iter().map(|series| {
+            let x = motion.at_kept(&series);
+            explained((variable, made), &x, residual, effective_samples)
+        });
+        out.extend(each.max_by(|a, b| a.share.total_cmp(&b.share)));
+    }
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
-    // The stronger of two forces.
-    let mut seen = Vec::new();
-    out.retain(|one| {
-        let is_new = !seen.contains(&one.variable);
-        seen.push(one.variable);
-        is_new
-    });
-    out
+    Ok(out)
 }
+
+/// Share of a residual's variance that stands against the acceleration because both have the position's errors: where the joint accelerates little,
+/// the measured acceleration is mostly error. Found with the noise across the path as a residual, beside a motion that has as much of it more; all where
+/// that is not known.
+fn made_by_errors(motion: &Motion, effective_samples: f64) -> Result<f64, MotionError> {
+    if motion.noise_of_q.is_empty() {
+        return Ok(1.0);
+    }
+    let mut made = 0.0;
+    for noise in &motion.noise_of_q {
+        let more = motion.second_derivative(&motion.smoothed(noise)?);
+        let both = motion.ddq.iter().zip(&more);
+        let x: Vec<f64> = both.map(|(ddq, more)| ddq + more).collect();
+        let residual = motion.regressor(&motion.second_derivative(noise))?;
+        let alone = (Variable::Ddq, 0.0);
+        made += explained(alone, &motion.at_kept(&x), &residual, effective_samples).share;
+    }
+    Ok(KNOWN_TO * made / motion.noise_of_q.len() as f64)
+}
+
+/// How well that is known: a factor.
+const KNOWN_TO: f64 = 3.0;
 
 fn explained(
-    variable: &'static str,
+    (variable, made): (Variable, f64),
     x: &[f64],
     residual: &[f64],
     effective_samples: f64,
@@ -100,6 +109,7 @@ fn explained(
             *sum += value;
         }
     }
+    // A sign fills two.
     sums.retain(|[.., count]| *count > 0.0);
     let n = residual.len() as f64;
     let mean = residual.iter().sum::<f64>() / n;
@@ -109,13 +119,20 @@ fn explained(
         .map(|[_, r, count]| count * (r / count - mean).powi(2))
         .sum();
     let raw = if total > 0.0 { between / total } else { 0.0 };
-    let free = bins as f64 - 1.0;
+    let free = (sums.len() as f64 - 1.0).max(0.0);
     let effective = (effective_samples - 1.0).max(1.0);
     let share = 1.0 - (1.0 - raw) / (1.0 - free / effective).max(0.05);
+    // The quantile of a chi-squared variable (Wilson and Hilferty 1931).
+    let chance = if free > 0.0 {
+        let part = 2.0 / (9.0 * free);
+        free * ((1.0 - part + SURE * part.sqrt()).powi(3) - 1.0) / effective
+    } else {
+        0.0
+    };
     Structure {
         variable,
         share: share.clamp(0.0, 1.0),
-        chance: (2.0 * free).sqrt() / effective,
+        chance: six(chance + made),
         x: sums.iter().map(|[x, _, count]| six(x / count)).collect(),
         mean: sums.iter().map(|[_, r, count]| six(r / count)).collect(),
     }

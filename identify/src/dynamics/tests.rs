@@ -2,6 +2,7 @@ use core::f64::consts::TAU;
 
 use super::*;
 use crate::effect::BiasDrift;
+use crate::effect::library::Variable;
 use crate::filter::{LowPass, second_derivative};
 use crate::mechanism::Mechanism as _;
 use crate::motion::MotionSettings;
@@ -59,6 +60,11 @@ fn record(object: &Object, seconds: f64, noise: [f64; 2], seed: u64) -> JointSam
         samples.tau.push(tau + noise[1] * draw());
     }
     samples
+}
+
+/// A plain door, drawn over its range for 40 s.
+pub(crate) fn drawn() -> JointSamples {
+    record(&PLAIN, 40.0, [4e-5, 0.1], 9)
 }
 
 const PLAIN: Object = Object {
@@ -334,9 +340,65 @@ fn what_is_left_of_a_spring_stands_against_q() {
     )
     .unwrap();
     let model = fit_base(&motion).unwrap();
-    let shares = structure(&motion, &model.residual, model.effective_samples);
-    assert_eq!(shares[0].variable, "q");
+    let shares = structure(&motion, &model.residual, model.effective_samples).unwrap();
+    assert_eq!(shares[0].variable, Variable::Q);
     assert!(shares[0].share > 0.25, "{shares:?}");
+    assert_eq!(not_white(&shares).unwrap().variable, Variable::Q);
+}
+
+/// White residuals of 400 samples, and the same beside a friction of a third of them, an off-axis force's and a part of the acceleration.
+#[test]
+fn noise_is_white_and_what_stands_against_a_variable_is_not() {
+    let mut samples = record(&PLAIN, 60.0, [4e-5, 0.1], 9);
+    // Along the handle at q = 0, and ahead of it; a pull away from the axis and one along the path.
+    let [mut first, mut second] = [const { Vec::new() }; 2];
+    let mut outwards = Vec::new();
+    for (t, q) in samples.time.iter().zip(&samples.q) {
+        let (out, ahead) = ((7.3 * t).sin(), (5.1 * t).cos());
+        first.push(out * q.cos() - ahead * q.sin());
+        second.push(out * q.sin() + ahead * q.cos());
+        outwards.push(out);
+    }
+    samples.aside.across = vec![first, second];
+    let motion = Motion::prepare(&samples, &MotionSettings::default()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let every = motion.kept.len() / 400;
+    let mut white = || -> Vec<f64> {
+        let held: Vec<f64> = (0..=motion.kept.len() / every)
+            .map(|_| StandardNormal.sample(&mut rng))
+            .collect();
+        (0..motion.kept.len()).map(|i| held[i / every]).collect()
+    };
+    let against = |residual: &[f64]| {
+        let structure = structure(&motion, residual, 400.0).unwrap();
+        assert_eq!(structure.len(), 7);
+        not_white(&structure).map(|one| one.variable)
+    };
+    let often = (0..100).filter(|_| against(&white()).is_some()).count();
+    assert!(often <= 7, "{often} of 100");
+
+    for (variable, part) in [
+        (Variable::Sign, 0.33),
+        (Variable::OffAxis, 0.5),
+        (Variable::Ddq, 0.5),
+    ] {
+        let series = motion.variable(variable).remove(0);
+        if variable == Variable::OffAxis {
+            let near = series.iter().zip(&motion.time);
+            assert!(
+                near.map(|(out, t)| (out - (7.3 * t).sin()).abs())
+                    .all(|e| e < 0.01)
+            );
+        }
+        let series = motion.at_kept(&series);
+        let size = part / rms(&series);
+        let seen = (0..20).filter(|_| {
+            let residual = white().into_iter().zip(&series);
+            let residual: Vec<f64> = residual.map(|(w, s)| w + size * s).collect();
+            against(&residual) == Some(variable)
+        });
+        assert!(seen.count() >= 18, "{variable:?}");
+    }
 }
 
 /// A tracker that wanders by more than it scatters, beside a path that is crooked by a centimetre.
@@ -361,8 +423,24 @@ fn a_crooked_path_is_no_noise_and_takes_none_away() {
         let ddq = motion.second_derivative(&motion.noise_of_q[0]);
         rms(&motion.regressor(&ddq).unwrap())
     };
-    let ratio = shake(&crooked) / shake(&straight);
-    assert!((0.97..1.03).contains(&ratio), "{ratio}");
+    let motion = Motion::prepare(&straight, &settings).unwrap();
+    let raw = {
+        let work = (motion.period / straight.period).round() as usize;
+        let raw: Vec<f64> = straight.noise_of_q[0]
+            .iter()
+            .step_by(work)
+            .copied()
+            .collect();
+        let smooth = LowPass::butterworth(4, 20.0, 1.0 / motion.period).unwrap();
+        let raw = smooth.zero_phase(&raw[..motion.q.len()]).unwrap();
+        rms(&motion.regressor(&motion.second_derivative(&raw)).unwrap())
+    };
+    for (name, shaken) in [("straight", shake(&straight)), ("crooked", shake(&crooked))] {
+        assert!(
+            (0.97..1.03).contains(&(shaken / raw)),
+            "{name}: {shaken} of {raw}"
+        );
+    }
 }
 
 /// What a complete model leaves is no burst; a seal that sticks a little at every third opening is one, where it is; outliers are, at no one place.

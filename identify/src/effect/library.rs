@@ -21,7 +21,7 @@ pub enum Belongs {
     Recording,
 }
 
-/// The variable against which the evidence of an effect shows.
+/// A variable against which an effect or a residual shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Variable {
@@ -31,10 +31,30 @@ pub enum Variable {
     Dq,
     /// Acceleration.
     Ddq,
+    /// Sign of the velocity.
+    Sign,
     /// Time.
     Time,
     /// Way gone since the last reversal.
     SinceReversal,
+    /// Force on the object that does no work.
+    OffAxis,
+}
+
+impl Variable {
+    /// As a sentence has it.
+    #[must_use]
+    pub const fn in_words(self) -> &'static str {
+        match self {
+            Self::Q => "q",
+            Self::Dq => "dq",
+            Self::Ddq => "ddq",
+            Self::Sign => "sign",
+            Self::Time => "time",
+            Self::SinceReversal => "the way since a reversal",
+            Self::OffAxis => "the off-axis force",
+        }
+    }
 }
 
 /// What a number is measured in, by kind of joint.

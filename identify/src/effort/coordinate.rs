@@ -42,7 +42,7 @@ impl Coordinate {
                 way.collect()
             };
             let across = [along(first), along(second)];
-            let noise = if joint.uses_rotations {
+            let (noise, beside) = if joint.uses_rotations {
                 let held = joint.tool_rotation.inverse();
                 let rests = index
                     .iter()
@@ -50,15 +50,16 @@ impl Coordinate {
                 let rests: Vec<Vector3<f64>> = rests.collect();
                 let part = |e: Vector3<f64>| rests.iter().map(|rest| rest.dot(&e)).collect();
                 let tilts = [first, second, direction].map(part);
-                slide::noise(across, &tilts, runs, tool.period, ABOVE_HANDS * cutoff_hz)?
+                let noise = slide::noise(&across, &tilts, runs, tool.period, cutoff_hz)?;
+                (noise, across.to_vec())
             } else {
-                across
+                (across, Vec::new())
             };
             return Ok(Self {
                 q: along(direction),
                 by_path: 1.0,
                 noise: noise.to_vec(),
-                beside: Vec::new(),
+                beside,
             });
         }
         let radius = axis.distance(&joint.tool_position).max(1e-3);

@@ -1,12 +1,29 @@
-//! What a residual may stand against, beside the motion's states.
+//! What a residual may stand against.
+
+use std::borrow::Cow;
 
 use super::Motion;
+use crate::effect::library::Variable;
 use crate::screw::JointKind;
 
 impl Motion {
-    /// Way gone since the velocity last changed its sign, rad or m.
+    /// A variable at each sample, SI: of a slide's off-axis force along both perpendiculars, of a hinge's away from its axis, and none where it was
+    /// not measured.
     #[must_use]
-    pub fn since_reversal(&self) -> Vec<f64> {
+    pub fn variable(&self, variable: Variable) -> Vec<Cow<'_, [f64]>> {
+        let one = match variable {
+            Variable::Q => &self.q,
+            Variable::Dq => &self.dq,
+            Variable::Ddq => &self.ddq,
+            Variable::Sign => &self.sign,
+            Variable::Time => &self.time,
+            Variable::SinceReversal => return vec![self.since_reversal().into()],
+            Variable::OffAxis => return self.off_axis(),
+        };
+        vec![one.into()]
+    }
+
+    fn since_reversal(&self) -> Vec<f64> {
         let mut out = vec![0.0; self.q.len()];
         for run in &self.runs {
             let mut turned = self.q[run.start];
@@ -20,18 +37,15 @@ impl Motion {
         out
     }
 
-    /// Force on the object that does no work, N: of a hinge that away from its axis, of a slide those along two perpendiculars. Empty where it was
-    /// not measured.
-    #[must_use]
-    pub fn off_axis(&self) -> Vec<Vec<f64>> {
+    fn off_axis(&self) -> Vec<Cow<'_, [f64]>> {
         let [first, second] = self.across.as_slice() else {
             return Vec::new();
         };
         if self.kind == JointKind::Prismatic {
-            return vec![first.clone(), second.clone()];
+            return vec![first.into(), second.into()];
         }
         let forces = first.iter().zip(second).zip(&self.q);
         let outwards = forces.map(|((first, second), q)| first * q.cos() + second * q.sin());
-        vec![outwards.collect()]
+        vec![outwards.collect::<Vec<f64>>().into()]
     }
 }

@@ -6,7 +6,8 @@ use super::Report;
 use super::effects::EffectEntry;
 use crate::analysis::Verdict;
 use crate::digits::{figure, with_std};
-use crate::dynamics::{Bursts, Term, shape};
+use crate::dynamics::{Bursts, Term, not_white};
+use crate::effect::library::Variable;
 use crate::screw::JointKind;
 
 impl Report {
@@ -220,14 +221,17 @@ impl Report {
                     _ => String::new(),
                 };
                 let strongest = self.last.structure.first().filter(|s| s.share > 0.05);
-                let against = match shape(&self.last.structure).or(strongest) {
+                let against = match not_white(&self.last.structure).or(strongest) {
                     Some(s) => format!(
-                        "it depends most on {} ({:.0} % of it)",
-                        s.in_words(),
+                        "it depends on {} ({:.0} % of it)",
+                        s.variable.in_words(),
                         100.0 * s.share
                     ),
-                    None => "it depends on none of q, dq, ddq, sign, time, the way since a reversal, the off-axis force"
-                        .to_owned(),
+                    None => format!(
+                        "it depends on none of q, dq, ddq, sign, time, {}, {}",
+                        Variable::SinceReversal.in_words(),
+                        Variable::OffAxis.in_words()
+                    ),
                 };
                 format!(
                     "unexplained: {share:.1} % of the effort is neither named nor noise; {against}{beside}"

@@ -185,3 +185,47 @@ fn a_tool_on_the_axis_gives_numbers() {
             .all(|v| v.is_finite())
     );
 }
+
+/// A drawer on an askew rail, the tracker behind the TCP along the way.
+#[test]
+fn the_noise_along_a_rail_is_told() {
+    for (lever, across_too_much) in [([0.0, 0.0, 0.3], true), ([0.2, 0.1, 0.1], false)] {
+        let mut seen = Seen::new([0.0; 3], 1.0, false);
+        let axis = &mut seen.joint.axis;
+        axis.kind = JointKind::Prismatic;
+        let direction = axis.direction.into_inner();
+        let (e1, e2) = perpendiculars(&axis.direction);
+        let lever = e1 * lever[0] + e2 * lever[1] + direction * lever[2];
+        let random = &mut ChaCha8Rng::seed_from_u64(5);
+        let mut three = |std: f64| {
+            let each = [(); 3].map(|()| -> f64 { StandardNormal.sample(random) });
+            Vector3::from(each) * std
+        };
+        let mut errors = [const { Vec::new() }; 3];
+        for i in 0..SAMPLES {
+            let q = 0.2 * (1.0 - (2.0 * PI * 0.1 * i as f64 * PERIOD).cos());
+            let (own, turn) = (three(2e-5), three(TURN));
+            let error = own + turn.cross(&lever);
+            seen.tool.position[i] = seen.joint.tool_position + direction * q + error;
+            seen.tool.rotation[i] =
+                UnitQuaternion::from_scaled_axis(turn) * seen.joint.tool_rotation;
+            for (errors, e) in errors.iter_mut().zip([direction, e1, e2]) {
+                errors.push(error.dot(&e));
+            }
+        }
+        let found = seen.coordinate();
+        let [truth, first, second] = errors.each_ref().map(|e| level(e));
+        let told = level(&found.noise[0]).hypot(level(&found.noise[1])) / SQRT_2;
+        assert!((0.95..1.05).contains(&(told / truth)), "{told} for {truth}");
+        let across = first.hypot(second) / SQRT_2;
+        assert_eq!(
+            across > 1.2 * truth,
+            across_too_much,
+            "{across} for {truth}"
+        );
+        // Where the tool is across its path stays what it is.
+        for (beside, error) in found.beside.iter().zip(&errors[1..]) {
+            assert!(beside.iter().zip(error).all(|(b, e)| (b - e).abs() < 1e-9));
+        }
+    }
+}
