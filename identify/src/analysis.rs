@@ -7,16 +7,16 @@ use nalgebra::DVector;
 
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, add_stiction,
-    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives, others_rid_of_slips,
-    shown, state_spread, take_from_both,
+    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives, is_smooth_load,
+    others_rid_of_slips, shown, state_spread, take_from_both,
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, fit_jointly,
     fit_parametric, not_white, structure,
 };
 use crate::effect::BiasDrift;
+use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::Belongs;
-use crate::effect::load::{CONSTANT_LOAD, SPRING};
 use crate::effect::measurement::SENSOR_DRIFT;
 use crate::effect::slip::SLIP;
 use crate::lag::{Lag, USUAL_S};
@@ -448,7 +448,7 @@ fn with_mechanism(
         }
         left = false;
     } else if !left {
-        keep_lines_named(&mut model, diagnosis);
+        keep_loads_named(&mut model, jointly.as_mut(), diagnosis);
     }
     model.withdraw_friction_of_one_way(motion);
     model.terms.truncate(3);
@@ -466,32 +466,56 @@ fn with_mechanism(
     Ok((model, jointly, left))
 }
 
-/// A load that is a straight line can be a named effect's or the mechanism's, and nothing tells which: it is given back to the effect, as much as
-/// that has in the named model. The effort within the probed range stays the same.
-fn keep_lines_named(full: &mut EffortModel, diagnosis: &Diagnosis) {
+/// A load over the whole range can be a named effect's or the mechanism's, and nothing tells which; nor does anything tell a friction of one way from
+/// a constant load and half of it both ways. They are given back to the effects, as much as these have in the named model. The effort within the
+/// probed range stays the same.
+fn keep_loads_named(full: &mut EffortModel, jointly: Option<&mut JointFit>, diagnosis: &Diagnosis) {
     let Some(mechanism) = &mut full.mechanism else {
         return;
     };
-    let mut at = 3;
+    let named = &diagnosis.model;
+    let (mut both_ways, mut at) = (0.0, 3);
     for found in diagnosis.found() {
-        let is_line =
-            found.shape.is_empty() && [SPRING.name, CONSTANT_LOAD.name].contains(&found.kind.name);
-        for (term, ..) in found.terms() {
-            if is_line {
-                let named = diagnosis.model.theta[at];
-                let more = named - full.theta[at];
-                full.theta[at] = named;
-                let [constant, slope] = match *term {
-                    "stiffness" => [0.0, more],
-                    _ => [more, 0.0],
-                };
-                // What the effect has more of is taken out of g.
-                mechanism.take_line(constant, slope);
+        // What the named effect has more of, by its terms, is taken out of g.
+        let mut more = [0.0; 2];
+        let used = found.used.iter().enumerate().filter(|(_, used)| **used);
+        for (k, _) in used {
+            let mut value = named.theta[at];
+            if found.kind.is(&ASYMMETRIC) {
+                value = value.min(2.0 * full.theta[COULOMB].max(0.0));
+            }
+            if is_smooth_load(found.kind) {
+                more[k] = value - full.theta[at];
+                full.theta[at] = value;
             }
             at += 1;
         }
+        if found.kind.is(&ASYMMETRIC) {
+            both_ways += 0.5 * more[0];
+            mechanism.take_load(|_| 0.5 * more[0] * found.shape[0]);
+        } else if let Some(of_state) = found.kind.at.filter(|_| more != [0.0; 2]) {
+            mechanism.take_load(|q| {
+                let [first, second] = of_state(&found.shape, q + found.datum, 0.0);
+                more[0] * first + more[1] * second
+            });
+        }
+    }
+    if both_ways == 0.0 {
+        return;
+    }
+    full.theta[COULOMB] -= both_ways;
+    let variance = named.covariance[(COULOMB, COULOMB)];
+    let widest = full.covariance[(COULOMB, COULOMB)].max(variance);
+    full.covariance[(COULOMB, COULOMB)] = widest;
+    let jointly = jointly.and_then(|fit| fit.terms.get_mut(COULOMB));
+    for term in full.terms.get_mut(COULOMB).into_iter().chain(jointly) {
+        term.value = term.value.map(|value| value - both_ways);
+        term.std = term.std.map(|std| std.max(variance.sqrt()));
     }
 }
+
+/// Where Coulomb friction is among the parameters.
+const COULOMB: usize = 1;
 
 /// Named effects are left to the mechanism when it does so much better on held-out strokes.
 const LEFT_BELOW: f64 = 0.97;
@@ -534,7 +558,11 @@ fn beside_mechanism(
     used: &[bool],
     whole_below: f64,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
-    let some = found.iter().zip(used).filter(|(_, used)| **used);
+    // Beside a load that may be any constant a friction of one way is one of both.
+    let tells = |found: &Found| !found.kind.is(&ASYMMETRIC);
+    let used = found.iter().zip(used);
+    let used: Vec<bool> = used.map(|(found, used)| *used && tells(found)).collect();
+    let some = found.iter().zip(&used).filter(|(_, used)| **used);
     let mut effects = beside_rigid(some.map(|(found, _)| found));
     let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
     if !is_table && !found.iter().any(is_named) {
@@ -543,7 +571,7 @@ fn beside_mechanism(
     let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
     let mut fitted = model.theta.iter().copied();
     let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();
-    for (found, used) in found.iter().zip(used) {
+    for (found, used) in found.iter().zip(&used) {
         for _ in found.terms() {
             theta.push(if *used {
                 fitted.next().unwrap_or(0.0)

@@ -33,7 +33,7 @@ pub use confirm::{Confirmation, confirm};
 pub use evidence::{Evidence, evidence};
 pub(crate) use gates::gives;
 pub use model::Found;
-pub(crate) use model::{beside_rigid, per_velocity};
+pub(crate) use model::{beside_rigid, is_smooth_load, per_velocity};
 pub use search::{Ambiguity, Diagnosis, NamedEffect, Refused};
 pub(crate) use search::{LEAST_FLOOR, floor_of};
 pub(crate) use slid::{diagnose_rid_of_slips, others_rid_of_slips};

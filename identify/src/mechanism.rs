@@ -232,10 +232,28 @@ impl SplineMechanism {
         common
     }
 
-    /// Takes a load that is a straight line over the coordinate, `constant + slope q`, out of g.
-    pub fn take_line(&mut self, constant: f64, slope: f64) {
-        for (i, coefficient) in self.load_coefficients.iter_mut().enumerate() {
-            *coefficient -= constant + slope * self.load.centre(i);
+    /// Takes a load over the coordinate out of g, by least squares over its interval: exactly what is a cubic, such as a straight line.
+    pub fn take_load(&mut self, load: impl Fn(f64) -> f64) {
+        let (low, high) = self.load.interval();
+        let (count, places) = (self.load.len(), 4 * self.load.len());
+        let (mut gram, mut right) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        for k in 0..=places {
+            let q = low + (high - low) * k as f64 / places as f64;
+            let (first, values) = self.load.evaluate(q);
+            let values = &values[..=self.load.degree()];
+            for (i, value) in values.iter().enumerate() {
+                right[first + i] += value * load(q);
+                for (j, other) in values.iter().enumerate() {
+                    gram[(first + i, first + j)] += value * other;
+                }
+            }
+        }
+        let Some(gram) = gram.cholesky() else {
+            return;
+        };
+        let taken = gram.solve(&right);
+        for (coefficient, taken) in self.load_coefficients.iter_mut().zip(taken.iter()) {
+            *coefficient -= taken;
         }
     }
 
@@ -598,7 +616,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_line_that_is_taken_out_is_missing_everywhere() {
+    fn a_load_that_is_taken_out_is_missing_everywhere() {
         let motion = motion();
         let mut mechanism = SplineMechanism::over(&motion);
         given(&mechanism, &motion);
@@ -607,12 +625,18 @@ pub(crate) mod tests {
             .collect();
         mechanism.set(&coefficients);
         let before = mechanism.clone();
-        mechanism.take_line(2.0, -3.0);
         let [low, high] = before.domain.q;
-        for i in 0..=20 {
-            let q = low + (high - low) * f64::from(i) / 20.0;
-            let missing = before.effort(q, 0.2) - mechanism.effort(q, 0.2);
-            assert!((missing - (2.0 - 3.0 * q)).abs() < 1e-12, "{q}: {missing}");
+        let line = |q: f64| 2.0 - 3.0 * q;
+        let weight = |q: f64| 50.0 * q.sin();
+        let loads: [(&dyn Fn(f64) -> f64, f64); 2] = [(&line, 1e-12), (&weight, 1e-3)];
+        for (load, most) in loads {
+            let mut mechanism = mechanism.clone();
+            mechanism.take_load(load);
+            for i in 0..=20 {
+                let q = low + (high - low) * f64::from(i) / 20.0;
+                let missing = before.effort(q, 0.2) - mechanism.effort(q, 0.2);
+                assert!((missing - load(q)).abs() < most, "{q}: {missing}");
+            }
         }
     }
 

@@ -351,6 +351,32 @@ fn play_and_pads_explain_what_comes_nearer_to_the_floor_than_others_must() {
     assert_eq!(verdict("spring", 1.12), Verdict::Unexplained);
 }
 
+/// The mechanism of the full model may be any constant load, and a friction of one way is one and half of it both ways.
+#[test]
+fn a_friction_of_one_way_leaves_that_of_both_known() {
+    for direction in [1.0, -1.0] {
+        let friction = move |_, _, dq: f64, _| {
+            if dq * direction > 0.0 {
+                1.5 * direction
+            } else {
+                0.0
+            }
+        };
+        let samples = Drawer::with(friction).record(40.0, 171);
+        let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+        let found = analysis.diagnosis.as_ref().unwrap();
+        assert_eq!(found.effects[0].found.kind.name, "asymmetric_coulomb");
+        let coulomb = analysis.full.value("coulomb").unwrap();
+        assert!((coulomb / 3.0 - 1.0).abs() < 0.02, "{coulomb}");
+        let more = analysis.full.theta[3];
+        assert!((more / 1.5 - 1.0).abs() < 0.03, "{more}");
+        if let Some(mechanism) = &analysis.full.mechanism {
+            let load = mechanism.load(0.25);
+            assert!(load.abs() < 0.1, "{load}");
+        }
+    }
+}
+
 /// As little as noise, and not white.
 #[test]
 fn what_stands_against_a_variable_is_not_explained() {

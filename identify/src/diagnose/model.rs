@@ -495,7 +495,7 @@ pub(super) fn is_known(found: &Found) -> bool {
 }
 
 /// Loads without a place of their own: a curve over the coordinate holds them, notches and magnets that have a place it does not.
-pub(super) fn is_smooth_load(kind: &Kind) -> bool {
+pub(crate) fn is_smooth_load(kind: &Kind) -> bool {
     SMOOTH_LOADS.contains(&kind.name)
 }
 

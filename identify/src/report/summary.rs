@@ -7,7 +7,6 @@ use super::effects::EffectEntry;
 use crate::analysis::Verdict;
 use crate::digits::{figure, with_std};
 use crate::dynamics::{Bursts, Term, not_white};
-use crate::effect::library::Variable;
 use crate::screw::JointKind;
 
 impl Report {
@@ -220,21 +219,19 @@ impl Report {
                     ),
                     _ => String::new(),
                 };
-                let strongest = self.last.structure.first().filter(|s| s.share > 0.05);
-                let against = match not_white(&self.last.structure).or(strongest) {
+                let variables = self.last.structure.iter().map(|s| s.variable.in_words());
+                let variables: Vec<&str> = variables.collect();
+                let against = match not_white(&self.last.structure) {
                     Some(s) => format!(
-                        "it depends on {} ({:.0} % of it)",
+                        "; it depends on {} ({:.0} % of it)",
                         s.variable.in_words(),
                         100.0 * s.share
                     ),
-                    None => format!(
-                        "it depends on none of q, dq, ddq, sign, time, {}, {}",
-                        Variable::SinceReversal.in_words(),
-                        Variable::OffAxis.in_words()
-                    ),
+                    None if variables.is_empty() => String::new(),
+                    None => format!("; it depends on none of {} by itself", variables.join(", ")),
                 };
                 format!(
-                    "unexplained: {share:.1} % of the effort is neither named nor noise; {against}{beside}"
+                    "unexplained: {share:.1} % of the effort is neither named nor noise{against}{beside}"
                 )
             }
         }
