@@ -394,7 +394,8 @@ fn with_mechanism(
 ) -> Result<(EffortModel, Option<JointFit>, bool), DynamicsError> {
     let mut left = false;
     let found = diagnosis.found();
-    let by_state = |found: &Found| found.kind.at.is_some();
+    // A friction of one way no mechanism has.
+    let by_state = |found: &Found| found.kind.at.is_some() && !found.kind.is(&ASYMMETRIC);
     let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
     let mut used = vec![vec![true; found.len()]];
     if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
@@ -447,8 +448,8 @@ fn with_mechanism(
             term.std = stated.std;
         }
         left = false;
-    } else if !left {
-        keep_loads_named(&mut model, jointly.as_mut(), diagnosis);
+    } else {
+        keep_loads_named(&mut model, jointly.as_mut(), diagnosis, left);
     }
     model.withdraw_friction_of_one_way(motion);
     model.terms.truncate(3);
@@ -467,9 +468,14 @@ fn with_mechanism(
 }
 
 /// A load over the whole range can be a named effect's or the mechanism's, and nothing tells which; nor does anything tell a friction of one way from
-/// a constant load and half of it both ways. They are given back to the effects, as much as these have in the named model. The effort within the
-/// probed range stays the same.
-fn keep_loads_named(full: &mut EffortModel, jointly: Option<&mut JointFit>, diagnosis: &Diagnosis) {
+/// a constant load and half of it both ways. They are given back to the effects, as much as these have in the named model (of friction as much as the full model has):
+/// of loads those that are not `left` to the mechanism. The effort within the probed range stays the same.
+fn keep_loads_named(
+    full: &mut EffortModel,
+    jointly: Option<&mut JointFit>,
+    diagnosis: &Diagnosis,
+    left: bool,
+) {
     let Some(mechanism) = &mut full.mechanism else {
         return;
     };
@@ -480,11 +486,13 @@ fn keep_loads_named(full: &mut EffortModel, jointly: Option<&mut JointFit>, diag
         let mut more = [0.0; 2];
         let used = found.used.iter().enumerate().filter(|(_, used)| **used);
         for (k, _) in used {
-            let mut value = named.theta[at];
-            if found.kind.is(&ASYMMETRIC) {
-                value = value.min(2.0 * full.theta[COULOMB].max(0.0));
-            }
-            if is_smooth_load(found.kind) {
+            let value = named.theta[at];
+            let kept = if found.kind.is(&ASYMMETRIC) {
+                Some(value.min(2.0 * full.theta[COULOMB].max(0.0)))
+            } else {
+                (!left && is_smooth_load(found.kind)).then_some(value)
+            };
+            if let Some(value) = kept {
                 more[k] = value - full.theta[at];
                 full.theta[at] = value;
             }
@@ -509,8 +517,16 @@ fn keep_loads_named(full: &mut EffortModel, jointly: Option<&mut JointFit>, diag
     full.covariance[(COULOMB, COULOMB)] = widest;
     let jointly = jointly.and_then(|fit| fit.terms.get_mut(COULOMB));
     for term in full.terms.get_mut(COULOMB).into_iter().chain(jointly) {
-        term.value = term.value.map(|value| value - both_ways);
+        term.value = term.value.map(|value| (value - both_ways).max(0.0));
         term.std = term.std.map(|std| std.max(variance.sqrt()));
+        // What is left of it may not be known where the sum is.
+        if named.terms[COULOMB].value.is_none() {
+            (term.value, term.std) = (None, None);
+        }
+    }
+    let coulomb = &named.terms[COULOMB].name;
+    if let Some(reason) = named.not_identified.get(coulomb) {
+        full.not_identified.insert(coulomb.clone(), reason.clone());
     }
 }
 

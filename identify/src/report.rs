@@ -205,7 +205,7 @@ pub struct Final {
     pub confirm_share: Vec<f64>,
     /// What a complete model would leave.
     pub noise_floor_rms: Option<f64>,
-    /// Share of the effort that is neither modelled nor noise.
+    /// Share of the effort (amplitudes) that is neither named nor noise.
     pub unexplained_fraction: Option<f64>,
     /// How what the named effects leave comes in bursts, where it does: something acts at times, or the sensors' noise is not normal.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -41,8 +41,10 @@ pub fn evidence(
             }
             let own = own_effort(motion, &effect.found, model.theta.as_slice(), &mut at)?;
             let variable = effect.found.kind.variable;
-            let against = motion.variable(variable).into_iter().next();
-            let x = motion.at_kept(&against.unwrap_or_default());
+            let Some(against) = motion.variable(variable).into_iter().next() else {
+                return Ok(None);
+            };
+            let x = motion.at_kept(&against);
             let each = |series: &[f64]| series.iter().step_by(step).map(|v| six(*v)).collect();
             let without: Vec<f64> = model
                 .residual

@@ -12,7 +12,7 @@ pub struct Structure {
     pub variable: Variable,
     /// Share of the variance explained by the means of up to 16 bins, corrected for their number; 0 to 1.
     pub share: f64,
-    /// What white noise has of that in one recording of three hundred, and errors of the motion make of it, which are in the acceleration and in the
+    /// What white noise has of that, against one variable, in one recording of three hundred, and errors of the motion make of it, which are in the acceleration and in the
     /// residual.
     pub chance: f64,
     /// Mean of the variable in each bin, SI.

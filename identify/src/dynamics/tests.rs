@@ -401,6 +401,39 @@ fn noise_is_white_and_what_stands_against_a_variable_is_not() {
     }
 }
 
+/// A motion that accelerates little, and what its errors leave of an inertia.
+#[test]
+fn what_errors_of_the_motion_leave_against_the_acceleration_is_white() {
+    let settings = MotionSettings::default();
+    let mut samples = record(&PLAIN, 120.0, [0.0, 0.1], 9);
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let [error, across] = [(); 2].map(|()| -> Vec<f64> {
+        let normal = StandardNormal.sample_iter(&mut rng);
+        normal
+            .take(samples.q.len())
+            .map(|v: f64| 6e-4 * v)
+            .collect()
+    });
+    let slow = samples.time.iter().map(|t| probing(0.2 * t, 1.2)[0]);
+    samples.q = slow.zip(&error).map(|(q, error)| q + error).collect();
+    samples.noise_of_q = vec![error, across];
+    let motion = Motion::prepare(&samples, &settings).unwrap();
+    let made = motion.second_derivative(&motion.noise_of_q[0]);
+    let residual: Vec<f64> = motion.regressor(&made).unwrap();
+    let residual: Vec<f64> = residual.iter().map(|r| -2.5 * r).collect();
+    let shares = structure(&motion, &residual, 1000.0).unwrap();
+    let of = |variable| shares.iter().find(|s| s.variable == variable).unwrap();
+    let (ddq, q) = (of(Variable::Ddq), of(Variable::Q));
+    assert!(ddq.share > 0.04 && ddq.share > 2.0 * q.chance, "{ddq:?}");
+    assert_eq!(not_white(&shares), None);
+
+    let mut table = motion.clone();
+    table.noise_of_q.clear();
+    let against: Vec<f64> = motion.at_kept(&motion.ddq);
+    let shares = structure(&table, &against, 1000.0).unwrap();
+    assert_ne!(not_white(&shares).map(|s| s.variable), Some(Variable::Ddq));
+}
+
 /// A tracker that wanders by more than it scatters, beside a path that is crooked by a centimetre.
 #[test]
 fn a_crooked_path_is_no_noise_and_takes_none_away() {

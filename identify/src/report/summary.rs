@@ -219,8 +219,9 @@ impl Report {
                     ),
                     _ => String::new(),
                 };
-                let variables = self.last.structure.iter().map(|s| s.variable.in_words());
-                let variables: Vec<&str> = variables.collect();
+                // All of the acceleration may be by errors, as far as a table shows.
+                let asked = self.last.structure.iter().filter(|s| s.chance < 1.0);
+                let variables: Vec<&str> = asked.map(|s| s.variable.in_words()).collect();
                 let against = match not_white(&self.last.structure) {
                     Some(s) => format!(
                         "; it depends on {} ({:.0} % of it)",

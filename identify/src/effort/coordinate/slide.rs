@@ -16,7 +16,7 @@ use crate::motion::MotionError;
 /// `tilts`, rad, are along and about the first and the second perpendicular, the latter about the direction, too.
 ///
 /// A hand turns the tool in its grasp, which moves no TCP: where the position shakes more without what the tilts make of it, it stays as it is;
-/// and of the tilts that with the least of the hand's stands for those that move along the path.
+/// and of the two tilts that move it along the path that with the least of the hand's stands for both.
 pub(super) fn noise(
     across: &[Vec<f64>; 2],
     tilts: &[Vec<f64>; 3],
@@ -43,10 +43,7 @@ pub(super) fn noise(
         return Ok(across.clone());
     }
     let along = lever.xy().norm();
-    let least = (0..3).fold(
-        0,
-        |least, k| if levels[k] < levels[least] { k } else { least },
-    );
+    let least = usize::from(levels[1] < levels[0]);
     let [first, second] = across.each_ref().map(Vec::as_slice);
     let mut told = own([first, second], tilts.each_ref().map(Vec::as_slice));
     for series in &mut told {
@@ -143,6 +140,10 @@ mod tests {
                 assert!(across > 1.15 * truth, "{across} for {truth}");
             }
         }
+        // About the path it turns less, and the TCP goes as far along the path.
+        let quiet = [TURN, TURN, 0.2 * TURN];
+        let [truth, _, told] = levels([0.2, 0.0, 0.0], quiet, 0.0);
+        assert!((told / truth - 1.0).abs() < 0.05, "{told} for {truth}");
         // About one axis it does not turn at all.
         let [truth, _, told] = levels([0.0, 0.0, 0.2], [TURN, TURN, 0.0], 0.0);
         assert!((told / truth - 1.0).abs() < 0.05, "{told} for {truth}");
