@@ -248,7 +248,10 @@ impl SplineMechanism {
                 }
             }
         }
-        let Some(gram) = gram.cholesky() else {
+        // Splines are independent at more places than there are of them: there is a factor.
+        let factor = gram.cholesky();
+        debug_assert!(factor.is_some(), "splines over [{low}, {high}]");
+        let Some(gram) = factor else {
             return;
         };
         let taken = gram.solve(&right);

@@ -370,10 +370,8 @@ fn a_friction_of_one_way_leaves_that_of_both_known() {
         assert!((coulomb / 3.0 - 1.0).abs() < 0.02, "{coulomb}");
         let more = analysis.full.theta[3];
         assert!((more / 1.5 - 1.0).abs() < 0.03, "{more}");
-        if let Some(mechanism) = &analysis.full.mechanism {
-            let load = mechanism.load(0.25);
-            assert!(load.abs() < 0.1, "{load}");
-        }
+        let load = analysis.full.mechanism.as_ref().unwrap().load(0.25);
+        assert!(load.abs() < 0.1, "{load}");
     }
 }
 

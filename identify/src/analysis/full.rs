@@ -1,0 +1,229 @@
+//! The full model: the named effects and the mechanism that takes up what they leave, fitted at once, and what each of them keeps of a load
+//! that both can be.
+
+use nalgebra::DVector;
+
+use super::EXPLAINED_BELOW;
+use crate::diagnose::{Diagnosis, Found, beside_rigid, is_smooth_load, shown};
+use crate::dynamics::{DynamicsError, EffortModel, JointFit, fit_jointly, fit_parametric};
+use crate::effect::BiasDrift;
+use crate::effect::friction::ASYMMETRIC;
+use crate::effect::measurement::SENSOR_DRIFT;
+use crate::motion::Motion;
+use crate::parallel::in_parallel_on;
+
+/// Where Coulomb friction is among the parameters.
+const COULOMB: usize = 1;
+
+/// Named effects are left to the mechanism when it does so much better on held-out strokes.
+const LEFT_BELOW: f64 = 0.97;
+
+/// Samples at the work rate, 20 min of them, from which on memory counts for more than time.
+const MANY: usize = 120_000;
+
+/// A mechanism that foretells held-out strokes so many times worse than the named effects by themselves is none.
+const ALONE_ABOVE: f64 = 1.5;
+/// The same where motion and effort together have the effects' parameters.
+const KNOWN_ALONE_ABOVE: f64 = 1.02;
+
+/// I, mu, b, the named effects and the mechanism at once; the terms are I, mu, b, and what is left of an effect beside the
+/// mechanism stands in `theta` only. Where the named effects leave more than the floor, their shapes may be wrong: then those
+/// that a mechanism can be by itself are left to it, if that foretells held-out strokes better; then the last value is true.
+pub(super) fn with_mechanism(
+    motion: &Motion,
+    diagnosis: &Diagnosis,
+) -> Result<(EffortModel, Option<JointFit>, bool), DynamicsError> {
+    let mut left = false;
+    let found = diagnosis.found();
+    // A friction of one way no mechanism has.
+    let by_state = |found: &Found| found.kind.at.is_some() && !found.kind.is(&ASYMMETRIC);
+    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let mut used = vec![vec![true; found.len()]];
+    if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
+        used.push(found.iter().map(|found| !by_state(found)).collect());
+    }
+    // Side by side only while that is no question of memory: of an hour each takes some hundred megabytes.
+    let at_once = if motion.q.len() < MANY { usize::MAX } else { 1 };
+    let fits = in_parallel_on(at_once, &used, |used| {
+        beside_mechanism(
+            motion,
+            diagnosis.is_table,
+            &found,
+            used,
+            EXPLAINED_BELOW * floor,
+        )
+    });
+    let mut fits = fits.into_iter();
+    let Some(all) = fits.next() else {
+        unreachable!("one item has one result")
+    };
+    let (mut model, mut jointly) = all?;
+    if let Some(without) = fits.next() {
+        let without = without?;
+        if without.0.held_out_rms < LEFT_BELOW * model.held_out_rms {
+            (model, jointly) = without;
+            left = true;
+        }
+    }
+    let alone = shown(fit_parametric(motion, &beside_rigid(&found)))?;
+    let above = if diagnosis.together.is_some() {
+        KNOWN_ALONE_ABOVE
+    } else {
+        ALONE_ABOVE
+    };
+    if let Some(mut alone) = alone.filter(|alone| above * alone.held_out_rms < model.held_out_rms) {
+        // A mechanism that takes up what a named effect is: the effects alone foretell. What the full model does not know stays unknown.
+        jointly.clone_from(&diagnosis.together);
+        if jointly.is_some() {
+            alone = EffortModel {
+                held_out_rms: alone.held_out_rms,
+                ..diagnosis.model.clone()
+            };
+        }
+        model = known_to_all(alone, [&model, &diagnosis.model]);
+        for (term, stated) in jointly
+            .iter_mut()
+            .flat_map(|fit| &mut fit.terms)
+            .zip(&model.terms)
+        {
+            term.std = stated.std;
+        }
+        left = false;
+    } else {
+        keep_loads_named(&mut model, jointly.as_mut(), diagnosis, left);
+    }
+    model.withdraw_friction_of_one_way(motion);
+    model.terms.truncate(3);
+    model.covariance = model.covariance.view((0, 0), (3, 3)).into_owned();
+    let terms = &model.terms;
+    model
+        .not_identified
+        .retain(|name, _| terms.iter().any(|term| term.name == *name));
+    // What the data do not show they do not show here either.
+    for (term, plain) in jointly.iter_mut().flat_map(|fit| &mut fit.terms).zip(terms) {
+        if plain.value.is_none() {
+            (term.value, term.std) = (None, None);
+        }
+    }
+    Ok((model, jointly, left))
+}
+
+/// A load over the whole range can be a named effect's or the mechanism's, and nothing tells which; nor does anything tell a friction of one way from
+/// a constant load and half of it both ways. They are given back to the effects, as much as these have in the named model (of friction as much as the full model has):
+/// of loads those that are not `left` to the mechanism. The effort within the probed range stays the same.
+fn keep_loads_named(
+    full: &mut EffortModel,
+    jointly: Option<&mut JointFit>,
+    diagnosis: &Diagnosis,
+    left: bool,
+) {
+    let Some(mechanism) = &mut full.mechanism else {
+        return;
+    };
+    let named = &diagnosis.model;
+    let (mut both_ways, mut at) = (0.0, 3);
+    for found in diagnosis.found() {
+        // What the named effect has more of, by its terms, is taken out of g.
+        let mut more = [0.0; 2];
+        let used = found.used.iter().enumerate().filter(|(_, used)| **used);
+        for (k, _) in used {
+            let value = named.theta[at];
+            let kept = if found.kind.is(&ASYMMETRIC) {
+                Some(value.min(2.0 * full.theta[COULOMB].max(0.0)))
+            } else {
+                (!left && is_smooth_load(found.kind)).then_some(value)
+            };
+            if let Some(value) = kept {
+                more[k] = value - full.theta[at];
+                full.theta[at] = value;
+            }
+            at += 1;
+        }
+        if found.kind.is(&ASYMMETRIC) {
+            both_ways += 0.5 * more[0];
+            mechanism.take_load(|_| 0.5 * more[0] * found.shape[0]);
+        } else if let Some(of_state) = found.kind.at.filter(|_| more != [0.0; 2]) {
+            mechanism.take_load(|q| {
+                let [first, second] = of_state(&found.shape, q + found.datum, 0.0);
+                more[0] * first + more[1] * second
+            });
+        }
+    }
+    if both_ways == 0.0 {
+        return;
+    }
+    full.theta[COULOMB] -= both_ways;
+    let variance = named.covariance[(COULOMB, COULOMB)];
+    let widest = full.covariance[(COULOMB, COULOMB)].max(variance);
+    full.covariance[(COULOMB, COULOMB)] = widest;
+    let jointly = jointly.and_then(|fit| fit.terms.get_mut(COULOMB));
+    for term in full.terms.get_mut(COULOMB).into_iter().chain(jointly) {
+        term.value = term.value.map(|value| (value - both_ways).max(0.0));
+        term.std = term.std.map(|std| std.max(variance.sqrt()));
+        // What is left of it may not be known where the sum is.
+        if named.terms[COULOMB].value.is_none() {
+            (term.value, term.std) = (None, None);
+        }
+    }
+    let coulomb = &named.terms[COULOMB].name;
+    if let Some(reason) = named.not_identified.get(coulomb) {
+        full.not_identified.insert(coulomb.clone(), reason.clone());
+    }
+}
+
+/// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
+fn known_to_all(mut model: EffortModel, others: [&EffortModel; 2]) -> EffortModel {
+    let [full, _] = others;
+    for (j, (term, other)) in model.terms.iter_mut().zip(&full.terms).take(3).enumerate() {
+        let variances = others.map(|other| other.covariance[(j, j)]);
+        let widest = variances
+            .into_iter()
+            .fold(model.covariance[(j, j)], f64::max);
+        model.covariance[(j, j)] = widest;
+        term.std = term.std.map(|_| widest.max(0.0).sqrt());
+        if other.value.is_none() {
+            (term.value, term.std) = (None, None);
+            let reason = full.not_identified.get(&term.name).cloned();
+            model
+                .not_identified
+                .extend(reason.map(|reason| (term.name.clone(), reason)));
+        }
+    }
+    model
+}
+
+/// I, mu, b, those of `found` that are `used`, and the mechanism, beside what a force sensor usually drifts; the parameters of the
+/// others are zero.
+fn beside_mechanism(
+    motion: &Motion,
+    is_table: bool,
+    found: &[Found],
+    used: &[bool],
+    whole_below: f64,
+) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
+    // Beside a load that may be any constant a friction of one way is one of both.
+    let tells = |found: &Found| !found.kind.is(&ASYMMETRIC);
+    let used = found.iter().zip(used);
+    let used: Vec<bool> = used.map(|(found, used)| *used && tells(found)).collect();
+    let some = found.iter().zip(&used).filter(|(_, used)| **used);
+    let mut effects = beside_rigid(some.map(|(found, _)| found));
+    let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
+    if !is_table && !found.iter().any(is_named) {
+        effects.push(&BiasDrift);
+    }
+    let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
+    let mut fitted = model.theta.iter().copied();
+    let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();
+    for (found, used) in found.iter().zip(&used) {
+        for _ in found.terms() {
+            theta.push(if *used {
+                fitted.next().unwrap_or(0.0)
+            } else {
+                0.0
+            });
+        }
+    }
+    model.bias_drift = BiasDrift::range(&fitted.collect::<Vec<f64>>());
+    model.theta = DVector::from_vec(theta);
+    Ok((model, jointly))
+}
