@@ -63,7 +63,7 @@ pub struct Analysis {
     pub named: EffortModel,
     /// The full model: the named one, and the mechanism fitted on what is left.
     pub full: EffortModel,
-    /// Whether the full model leaves those named effects to its mechanism that a mechanism can be by itself.
+    /// Whether the full model leaves those named effects to its mechanism that a mechanism can be by itself: not a friction of one way.
     pub left_to_mechanism: bool,
     /// Motion and dynamics fitted together, from the full model on or with the shapes of the named effects; nothing where that foretells no better.
     pub jointly: Option<JointFit>,
@@ -156,7 +156,7 @@ pub fn analyse_confirmed(
     let tau = motion.regressor(&motion.tau)?;
     // What is below the digits of a file is arithmetic, and no noise to compare with.
     let is_noise = floor.rms > LEAST_FLOOR * rms(&tau);
-    let structure = structure(motion, &named.residual, named.effective_samples)?;
+    let structure = structure(motion, &named)?;
     let left = (&named, if is_noise { structure.as_slice() } else { &[] });
     let (mut verdict, unexplained_fraction) = judge(left, &found, floor.rms, rms(&tau));
     let nothing = full.terms.iter().all(|term| term.value.is_none());

@@ -232,7 +232,7 @@ pub struct MechanismSummary {
     pub domain: Domain,
     /// Smallest and largest load over the domain, N m or N.
     pub load_range: [f64; 2],
-    /// Whether it holds the named effects too that depend on coordinate and velocity alone: in the shapes found they leave more.
+    /// Whether it holds the named effects too that depend on coordinate and velocity alone, but a friction of one way: in the shapes found they leave more.
     pub holds_named: bool,
 }
 
@@ -240,7 +240,7 @@ impl MechanismSummary {
     /// What it holds, for sentences about it where effects are named.
     pub(crate) fn beside(&self) -> &'static str {
         if self.holds_named {
-            "; the named effects of position and speed are part of it, as it foretells better than the shapes found for them"
+            "; the named effects of position and speed, but a friction of one way, are part of it, as it foretells better than the shapes found for them"
         } else {
             ", besides the named effects"
         }

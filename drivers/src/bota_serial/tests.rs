@@ -99,6 +99,23 @@ fn feed(bench: &mut Bench<BotaSerial>, indices: impl IntoIterator<Item = u32>) {
     }
 }
 
+/// What a sensor leaves that `C` stopped, or that was opened, in the middle of a frame.
+#[test]
+fn an_acknowledgement_after_a_piece_of_a_frame_is_read() {
+    let mut tail = frame(1)[20..].to_vec();
+    tail[5] = wire::HEADER;
+    for piece in [&tail[..], &frame(1)[..20], &frame(1)[..1]] {
+        let mut bench = bench();
+        bench.advance_ms(1);
+        assert_eq!(bench.take_sent(), b"C");
+        let _ = bench.bytes(piece);
+        let _ = bench.bytes(b"r,0,");
+        let _ = bench.bytes(b"C,0\r\n");
+        bench.advance_ms(100);
+        assert_eq!(bench.take_sent(), b"c,0,1,0,4", "{piece:?}");
+    }
+}
+
 #[test]
 fn set_up_by_the_book_ends_in_samples() {
     let bench = streaming();

@@ -22,7 +22,7 @@ pub struct Evidence {
 
 const POINTS: usize = 700;
 
-/// Evidence of each effect in `named` (none for a lag, which has no regressor any more).
+/// Evidence of each effect in `named` (none for a lag, which has no regressor any more, nor against a variable that the motion has not).
 ///
 /// # Errors
 /// When the motion cannot be filtered.

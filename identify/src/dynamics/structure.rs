@@ -1,7 +1,9 @@
 //! Against which variable a residual still has shape.
 
+use super::EffortModel;
 use crate::digits::six;
 use crate::effect::library::Variable;
+use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError};
 use crate::samples::quantile;
 
@@ -13,7 +15,7 @@ pub struct Structure {
     /// Share of the variance explained by the means of up to 16 bins, corrected for their number; 0 to 1.
     pub share: f64,
     /// What white noise has of that, against one variable, in one recording of three hundred, and errors of the motion make of it, which are in the acceleration and in the
-    /// residual.
+    /// residual; 1 and more where nothing can tell, as of the acceleration in a table.
     pub chance: f64,
     /// Mean of the variable in each bin, SI.
     pub x: Vec<f64>,
@@ -44,19 +46,16 @@ const VARIABLES: [Variable; 7] = [
     Variable::OffAxis,
 ];
 
-/// The variables, the strongest first; of two off-axis forces the stronger.
+/// What a model leaves against each variable, the strongest first; of two off-axis forces the stronger.
 ///
 /// # Errors
 /// When the motion cannot be filtered.
-pub fn structure(
-    motion: &Motion,
-    residual: &[f64],
-    effective_samples: f64,
-) -> Result<Vec<Structure>, MotionError> {
+pub fn structure(motion: &Motion, model: &EffortModel) -> Result<Vec<Structure>, MotionError> {
+    let (residual, effective_samples) = (&model.residual, model.effective_samples);
     let mut out = Vec::new();
     for variable in VARIABLES {
         let made = if variable == Variable::Ddq {
-            made_by_errors(motion, effective_samples)?
+            made_by_errors(motion, model)?
         } else {
             0.0
         };
@@ -71,25 +70,29 @@ pub fn structure(
 }
 
 /// Share of a residual's variance that stands against the acceleration because both have the position's errors: where the joint accelerates little,
-/// the measured acceleration is mostly error. Found with the noise across the path as a residual, beside a motion that has as much of it more; all where
-/// that is not known.
-fn made_by_errors(motion: &Motion, effective_samples: f64) -> Result<f64, MotionError> {
+/// the measured acceleration is mostly error. Found with the noise across the path in the place of that along it, beside a motion that has as much of it
+/// more; all where that is not known.
+fn made_by_errors(motion: &Motion, model: &EffortModel) -> Result<f64, MotionError> {
     if motion.noise_of_q.is_empty() {
         return Ok(1.0);
     }
+    // The effort lacks the tool's own, which has the same errors.
+    let felt = model.theta[0] + motion.tool_inertia;
+    let left = rms(&model.residual).max(f64::MIN_POSITIVE);
     let mut made = 0.0;
     for noise in &motion.noise_of_q {
         let more = motion.second_derivative(&motion.smoothed(noise)?);
         let both = motion.ddq.iter().zip(&more);
         let x: Vec<f64> = both.map(|(ddq, more)| ddq + more).collect();
-        let residual = motion.regressor(&motion.second_derivative(noise))?;
+        let error = motion.regressor(&motion.second_derivative(noise))?;
         let alone = (Variable::Ddq, 0.0);
-        made += explained(alone, &motion.at_kept(&x), &residual, effective_samples).share;
+        let of_error = explained(alone, &motion.at_kept(&x), &error, model.effective_samples);
+        made += of_error.share * (felt * rms(&error) / left).powi(2).min(1.0);
     }
     Ok(KNOWN_TO * made / motion.noise_of_q.len() as f64)
 }
 
-/// How well that is known: a factor.
+/// How well that is known: a factor. Where the acceleration is all error, one that has as much more has half of what there is.
 const KNOWN_TO: f64 = 3.0;
 
 fn explained(

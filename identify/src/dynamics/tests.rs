@@ -340,7 +340,7 @@ fn what_is_left_of_a_spring_stands_against_q() {
     )
     .unwrap();
     let model = fit_base(&motion).unwrap();
-    let shares = structure(&motion, &model.residual, model.effective_samples).unwrap();
+    let shares = structure(&motion, &model).unwrap();
     assert_eq!(shares[0].variable, Variable::Q);
     assert!(shares[0].share > 0.25, "{shares:?}");
     assert_eq!(not_white(&shares).unwrap().variable, Variable::Q);
@@ -369,8 +369,11 @@ fn noise_is_white_and_what_stands_against_a_variable_is_not() {
             .collect();
         (0..motion.kept.len()).map(|i| held[i / every]).collect()
     };
-    let against = |residual: &[f64]| {
-        let structure = structure(&motion, residual, 400.0).unwrap();
+    let mut model = fit_base(&motion).unwrap();
+    model.effective_samples = 400.0;
+    let mut against = |residual: &[f64]| {
+        model.residual = residual.to_vec();
+        let structure = structure(&motion, &model).unwrap();
         assert_eq!(structure.len(), 7);
         not_white(&structure).map(|one| one.variable)
     };
@@ -407,7 +410,7 @@ fn what_errors_of_the_motion_leave_against_the_acceleration_is_white() {
     let settings = MotionSettings::default();
     let mut samples = record(&PLAIN, 120.0, [0.0, 0.1], 9);
     let mut rng = ChaCha8Rng::seed_from_u64(12);
-    let [error, across] = [(); 2].map(|()| -> Vec<f64> {
+    let [error, across @ ..] = [(); 3].map(|()| -> Vec<f64> {
         let normal = StandardNormal.sample_iter(&mut rng);
         normal
             .take(samples.q.len())
@@ -415,22 +418,40 @@ fn what_errors_of_the_motion_leave_against_the_acceleration_is_white() {
             .collect()
     });
     let slow = samples.time.iter().map(|t| probing(0.2 * t, 1.2)[0]);
-    samples.q = slow.zip(&error).map(|(q, error)| q + error).collect();
-    samples.noise_of_q = vec![error, across];
+    samples.q = slow.collect();
+    samples.noise_of_q = vec![error.clone()];
     let motion = Motion::prepare(&samples, &settings).unwrap();
-    let made = motion.second_derivative(&motion.noise_of_q[0]);
-    let residual: Vec<f64> = motion.regressor(&made).unwrap();
-    let residual: Vec<f64> = residual.iter().map(|r| -2.5 * r).collect();
-    let shares = structure(&motion, &residual, 1000.0).unwrap();
-    let of = |variable| shares.iter().find(|s| s.variable == variable).unwrap();
-    let (ddq, q) = (of(Variable::Ddq), of(Variable::Q));
-    assert!(ddq.share > 0.04 && ddq.share > 2.0 * q.chance, "{ddq:?}");
+    let error_ddq = motion.second_derivative(&motion.noise_of_q[0]);
+    samples.q.iter_mut().zip(&error).for_each(|(q, e)| *q += e);
+    // Independent of the error that there is.
+    samples.noise_of_q = across.to_vec();
+    let motion = Motion::prepare(&samples, &settings).unwrap();
+    let mut model = fit_base(&motion).unwrap();
+    model.effective_samples = 1000.0;
+    let left = motion.regressor(&error_ddq).unwrap();
+    model.theta[0] = 1.8;
+    model.residual = left.iter().map(|e| -1.8 * e).collect();
+    let shares = structure(&motion, &model).unwrap();
+    let ddq = shares.iter().find(|s| s.variable == Variable::Ddq).unwrap();
+    assert!(ddq.share > 0.08, "{ddq:?}");
     assert_eq!(not_white(&shares), None);
+
+    // Beside ten times as much noise of the wrench errors of the motion make none of it.
+    let loud: Vec<f64> = StandardNormal
+        .sample_iter(&mut rng)
+        .take(left.len())
+        .collect();
+    let level = 10.0 * rms(&model.residual);
+    let ddq = motion.at_kept(&motion.ddq);
+    let part = 0.4 * level / rms(&ddq);
+    let beside = loud.iter().zip(&ddq);
+    model.residual = beside.map(|(v, ddq)| level * v + part * ddq).collect();
+    let shares = structure(&motion, &model).unwrap();
+    assert_eq!(not_white(&shares).map(|s| s.variable), Some(Variable::Ddq));
 
     let mut table = motion.clone();
     table.noise_of_q.clear();
-    let against: Vec<f64> = motion.at_kept(&motion.ddq);
-    let shares = structure(&table, &against, 1000.0).unwrap();
+    let shares = structure(&table, &model).unwrap();
     assert_ne!(not_white(&shares).map(|s| s.variable), Some(Variable::Ddq));
 }
 

@@ -16,7 +16,7 @@ use crate::motion::MotionError;
 /// `tilts`, rad, are along and about the first and the second perpendicular, the latter about the direction, too.
 ///
 /// A hand turns the tool in its grasp, which moves no TCP: where the position shakes more without what the tilts make of it, it stays as it is;
-/// and of the two tilts that move it along the path that with the least of the hand's stands for both.
+/// and of the two tilts that move it along the path that with the least of the hand's stands for both, as if a tracker turned as much about each.
 pub(super) fn noise(
     across: &[Vec<f64>; 2],
     tilts: &[Vec<f64>; 3],
@@ -29,7 +29,6 @@ pub(super) fn noise(
     let below = |hz: f64| shaken([first, second, t1, t2, t3], runs, period, hz);
     let lever = lever(&below(ABOVE_HANDS * cutoff_hz)?);
     let [first, second, tilted @ ..] = below(cutoff_hz)?;
-    let levels = tilted.each_ref().map(|tilt| rms(tilt));
     let own = |[first, second]: [&[f64]; 2], tilts: [&[f64]; 3]| -> [Vec<f64>; 2] {
         let by = |k: usize, i: usize| rows(tilts.map(|tilt| tilt[i]))[k].dot(&lever);
         let less = |k: usize, series: &[f64]| {
@@ -43,7 +42,7 @@ pub(super) fn noise(
         return Ok(across.clone());
     }
     let along = lever.xy().norm();
-    let least = usize::from(levels[1] < levels[0]);
+    let least = usize::from(rms(&tilted[1]) < rms(&tilted[0]));
     let [first, second] = across.each_ref().map(Vec::as_slice);
     let mut told = own([first, second], tilts.each_ref().map(Vec::as_slice));
     for series in &mut told {
