@@ -375,6 +375,34 @@ fn a_friction_of_one_way_leaves_that_of_both_known() {
     }
 }
 
+/// Of a damper like none in the library the mechanism takes all, and of a friction of one way beside it nothing.
+#[test]
+fn a_friction_of_one_way_is_not_left_to_the_mechanism() {
+    let friction = |_, q: f64, dq: f64, _| {
+        let hill = |height: f64, at: f64, width: f64| height * (-((q - at) / width).powi(2)).exp();
+        let of_one_way = if dq > 0.0 { 1.5 } else { 0.0 };
+        (hill(60.0, 0.1, 0.04) + hill(30.0, 0.3, 0.03)) * dq + of_one_way
+    };
+    let samples = Drawer::with(friction).record(40.0, 171);
+    let analysis = analyse(&samples, &MotionSettings::default()).unwrap();
+    assert!(analysis.left_to_mechanism);
+    let found = analysis.diagnosis.as_ref().unwrap().found();
+    let mut theta = analysis.full.theta.iter().skip(3);
+    for found in &found {
+        for _ in found.terms() {
+            let value = *theta.next().unwrap();
+            match found.kind.name {
+                "asymmetric_coulomb" => assert!((value / 1.5 - 1.0).abs() < 0.05, "{value}"),
+                name => assert_eq!(value, 0.0, "{name}"),
+            }
+        }
+    }
+    let is_one = |found: &Found| found.kind.name == "asymmetric_coulomb";
+    assert_eq!(found.iter().filter(|found| is_one(found)).count(), 1);
+    let coulomb = analysis.full.value("coulomb").unwrap();
+    assert!((coulomb / 3.0 - 1.0).abs() < 0.02, "{coulomb}");
+}
+
 /// As little as noise, and not white.
 #[test]
 fn what_stands_against_a_variable_is_not_explained() {

@@ -109,8 +109,8 @@ pub(super) fn with_mechanism(
 }
 
 /// A load over the whole range can be a named effect's or the mechanism's, and nothing tells which; nor does anything tell a friction of one way from
-/// a constant load and half of it both ways. They are given back to the effects, as much as these have in the named model (of friction as much as the full model has):
-/// of loads those that are not `left` to the mechanism. The effort within the probed range stays the same.
+/// a constant load and half of it both ways. They are given back to the effects: of loads what these have in the named model, unless they are `left` to the
+/// mechanism; of the friction in the full model, whatever this has, the same part as there. The effort within the probed range stays the same.
 fn keep_loads_named(
     full: &mut EffortModel,
     jointly: Option<&mut JointFit>,
@@ -121,7 +121,7 @@ fn keep_loads_named(
         return;
     };
     let named = &diagnosis.model;
-    let (mut both_ways, mut at) = (0.0, 3);
+    let (mut both_ways, mut at) = (1.0, 3);
     for found in diagnosis.found() {
         // What the named effect has more of, by its terms, is taken out of g.
         let mut more = [0.0; 2];
@@ -129,7 +129,9 @@ fn keep_loads_named(
         for (k, _) in used {
             let value = named.theta[at];
             let kept = if found.kind.is(&ASYMMETRIC) {
-                Some(value.min(2.0 * full.theta[COULOMB].max(0.0)))
+                let part = half_of_one_way(named.theta[COULOMB], value);
+                both_ways -= part;
+                Some(2.0 * part * full.theta[COULOMB].max(0.0))
             } else {
                 (!left && is_smooth_load(found.kind)).then_some(value)
             };
@@ -140,7 +142,6 @@ fn keep_loads_named(
             at += 1;
         }
         if found.kind.is(&ASYMMETRIC) {
-            both_ways += 0.5 * more[0];
             mechanism.take_load(|_| 0.5 * more[0] * found.shape[0]);
         } else if let Some(of_state) = found.kind.at.filter(|_| more != [0.0; 2]) {
             mechanism.take_load(|q| {
@@ -149,47 +150,62 @@ fn keep_loads_named(
             });
         }
     }
-    if both_ways == 0.0 {
+    if both_ways == 1.0 {
         return;
     }
-    full.theta[COULOMB] -= both_ways;
-    let variance = named.covariance[(COULOMB, COULOMB)];
-    let widest = full.covariance[(COULOMB, COULOMB)].max(variance);
-    full.covariance[(COULOMB, COULOMB)] = widest;
+    full.theta[COULOMB] *= both_ways;
+    let std = named.covariance[(COULOMB, COULOMB)].max(0.0).sqrt();
     let jointly = jointly.and_then(|fit| fit.terms.get_mut(COULOMB));
     for term in full.terms.get_mut(COULOMB).into_iter().chain(jointly) {
-        term.value = term.value.map(|value| (value - both_ways).max(0.0));
-        term.std = term.std.map(|std| std.max(variance.sqrt()));
-        // What is left of it may not be known where the sum is.
-        if named.terms[COULOMB].value.is_none() {
-            (term.value, term.std) = (None, None);
-        }
+        term.value = term.value.map(|value| both_ways * value);
+        term.std = term.std.map(|own| own.max(std));
     }
-    let coulomb = &named.terms[COULOMB].name;
-    if let Some(reason) = named.not_identified.get(coulomb) {
-        full.not_identified.insert(coulomb.clone(), reason.clone());
+    // What is left of it may not be known where the sum is.
+    widen(full, COULOMB, named);
+    forget(full, COULOMB, named);
+}
+
+/// Share of the mean friction of both ways that half the friction of one way more is.
+fn half_of_one_way(coulomb: f64, more: f64) -> f64 {
+    let half = 0.5 * more.max(0.0);
+    if half > 0.0 {
+        half / (coulomb.max(0.0) + half)
+    } else {
+        0.0
     }
 }
 
 /// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
 fn known_to_all(mut model: EffortModel, others: [&EffortModel; 2]) -> EffortModel {
     let [full, _] = others;
-    for (j, (term, other)) in model.terms.iter_mut().zip(&full.terms).take(3).enumerate() {
-        let variances = others.map(|other| other.covariance[(j, j)]);
-        let widest = variances
-            .into_iter()
-            .fold(model.covariance[(j, j)], f64::max);
-        model.covariance[(j, j)] = widest;
-        term.std = term.std.map(|_| widest.max(0.0).sqrt());
-        if other.value.is_none() {
-            (term.value, term.std) = (None, None);
-            let reason = full.not_identified.get(&term.name).cloned();
-            model
-                .not_identified
-                .extend(reason.map(|reason| (term.name.clone(), reason)));
+    for j in 0..model.terms.len().min(3) {
+        for other in others {
+            widen(&mut model, j, other);
         }
+        forget(&mut model, j, full);
     }
     model
+}
+
+/// Term `j` as uncertain as the other model says, at least.
+fn widen(model: &mut EffortModel, j: usize, other: &EffortModel) {
+    let widest = model.covariance[(j, j)].max(other.covariance[(j, j)]);
+    model.covariance[(j, j)] = widest;
+    let term = &mut model.terms[j];
+    term.std = term.std.map(|_| widest.max(0.0).sqrt());
+}
+
+/// Term `j` as unknown as in the other model, for the same reason.
+fn forget(model: &mut EffortModel, j: usize, other: &EffortModel) {
+    let term = &mut model.terms[j];
+    if other.terms[j].value.is_some() {
+        return;
+    }
+    (term.value, term.std) = (None, None);
+    if let Some(reason) = other.not_identified.get(&term.name) {
+        let known = model.not_identified.entry(term.name.clone());
+        known.or_insert_with(|| reason.clone());
+    }
 }
 
 /// I, mu, b, those of `found` that are `used`, and the mechanism, beside what a force sensor usually drifts; the parameters of the
@@ -226,4 +242,21 @@ fn beside_mechanism(
     model.bias_drift = BiasDrift::range(&fitted.collect::<Vec<f64>>());
     model.theta = DVector::from_vec(theta);
     Ok((model, jointly))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_the_friction_that_there_is_one_way_has_its_part_and_both_are_friction() {
+        for (coulomb, more, half) in [
+            (3.0, 2.0, 0.25),
+            (0.0, 2.0, 1.0),
+            (3.0, 0.0, 0.0),
+            (0.0, 0.0, 0.0),
+        ] {
+            assert_eq!(half_of_one_way(coulomb, more), half);
+        }
+    }
 }
