@@ -87,9 +87,9 @@ enum Message {
     Ack(Ack),
 }
 
-/// Reads the message at the start of `bytes`. A sensor that is being set up falls silent, maybe in the middle of a frame: what seems to begin one has the
+/// Reads the message at the start of `bytes`. A sensor that acknowledges `C` falls silent, maybe in the middle of a frame: what seems to begin one has the
 /// acknowledgement within, and nothing after it, so that it would be waited for in vain.
-fn decode(bytes: &[u8], falls_silent: bool) -> Result<Parsed<Message>, DecodeError> {
+fn decode(bytes: &[u8]) -> Result<Parsed<Message>, DecodeError> {
     if bytes.first() == Some(&b'r') {
         return Ok(match wire::decode_ack(bytes)? {
             Parsed::Complete { value, used } => Parsed::Complete {
@@ -104,7 +104,7 @@ fn decode(bytes: &[u8], falls_silent: bool) -> Result<Parsed<Message>, DecodeErr
             value: Message::Sample(value),
             used,
         },
-        Parsed::Incomplete if falls_silent && holds_ack(bytes) => {
+        Parsed::Incomplete if holds_ack(bytes) => {
             return Err(DecodeError::Field {
                 name: "header",
                 value: u32::from(wire::HEADER),
@@ -115,8 +115,8 @@ fn decode(bytes: &[u8], falls_silent: bool) -> Result<Parsed<Message>, DecodeErr
 }
 
 fn holds_ack(bytes: &[u8]) -> bool {
-    let is_ack = |at: usize| matches!(wire::decode_ack(&bytes[at..]), Ok(Parsed::Complete { .. }));
-    (0..bytes.len()).any(is_ack)
+    let is_ack = |piece| matches!(wire::decode_ack(piece), Ok(Parsed::Complete { .. }));
+    bytes.windows(wire::ACK_LEN).any(is_ack)
 }
 
 impl BotaSerial {
@@ -347,15 +347,10 @@ impl Device for BotaSerial {
         self.framer.push(chunk);
         loop {
             let (text, unread) = (&mut self.text, &mut self.unread_bytes);
-            let falls_silent =
-                matches!(self.state, State::Asking(command, _) if command != Command::Run);
-            let found = self.framer.next(
-                |bytes| decode(bytes, falls_silent),
-                |byte| {
-                    *unread += 1;
-                    text.push(byte);
-                },
-            );
+            let found = self.framer.next(decode, |byte| {
+                *unread += 1;
+                text.push(byte);
+            });
             match found {
                 Found::Frame(Message::Sample(sample)) => self.on_sample(&sample, stamps),
                 Found::Frame(Message::Ack(ack)) => {

@@ -248,11 +248,8 @@ impl SplineMechanism {
                 }
             }
         }
-        // Splines are independent at more places than there are of them: there is a factor.
-        let factor = gram.cholesky();
-        debug_assert!(factor.is_some(), "splines over [{low}, {high}]");
-        let Some(gram) = factor else {
-            return;
+        let Some(gram) = gram.cholesky() else {
+            unreachable!("splines are independent at more places than there are of them")
         };
         let taken = gram.solve(&right);
         for (coefficient, taken) in self.load_coefficients.iter_mut().zip(taken.iter()) {

@@ -113,7 +113,15 @@ fn an_acknowledgement_after_a_piece_of_a_frame_is_read() {
         let _ = bench.bytes(b"C,0\r\n");
         bench.advance_ms(100);
         assert_eq!(bench.take_sent(), b"c,0,1,0,4", "{piece:?}");
+        assert_eq!(bench.device.counts(), Counts::default());
     }
+    // Somebody else sets the sensor up meanwhile: for its acknowledgements a listener waits longer than for samples.
+    let mut bench = listening();
+    feed(&mut bench, 0..50);
+    bench.bytes(&frame(50)[..20]).unwrap();
+    let _ = bench.bytes(b"r,0,C,0\r\n");
+    bench.advance_ms(1_500);
+    assert_eq!(bench.complaints(), Vec::<String>::new());
 }
 
 #[test]

@@ -294,6 +294,9 @@ pub struct Ack {
     pub return_code: u8,
 }
 
+/// Length of an acknowledgement, without the line end.
+pub const ACK_LEN: usize = 7;
+
 /// Reads the acknowledgement at the start of `bytes`; it has 7 bytes and no check sum.
 ///
 /// # Errors
@@ -305,7 +308,7 @@ pub fn decode_ack(bytes: &[u8]) -> Result<Parsed<Ack>, DecodeError> {
         4 => byte.is_ascii_alphabetic(),
         _ => byte == b',',
     };
-    for (at, byte) in bytes.iter().take(7).enumerate() {
+    for (at, byte) in bytes.iter().take(ACK_LEN).enumerate() {
         if !allowed(at, *byte) {
             return Err(DecodeError::Field {
                 name: "ack",
@@ -313,7 +316,7 @@ pub fn decode_ack(bytes: &[u8]) -> Result<Parsed<Ack>, DecodeError> {
             });
         }
     }
-    let Some([_, _, digit, _, command, _, code]) = bytes.first_chunk::<7>().copied() else {
+    let Some([_, _, digit, _, command, _, code]) = bytes.first_chunk::<ACK_LEN>().copied() else {
         return Ok(Parsed::Incomplete);
     };
     let ack = Ack {
@@ -323,13 +326,13 @@ pub fn decode_ack(bytes: &[u8]) -> Result<Parsed<Ack>, DecodeError> {
     };
     Ok(Parsed::Complete {
         value: ack,
-        used: 7,
+        used: ACK_LEN,
     })
 }
 
 /// Writes an acknowledgement; digits above 9 are written as 9.
 #[must_use]
-pub fn encode_ack(ack: Ack) -> [u8; 7] {
+pub fn encode_ack(ack: Ack) -> [u8; ACK_LEN] {
     let digit = |value: u8| b'0' + value.min(9);
     [
         b'r',

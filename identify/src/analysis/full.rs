@@ -35,11 +35,13 @@ pub(super) fn with_mechanism(
 ) -> Result<(EffortModel, Option<JointFit>, bool), DynamicsError> {
     let mut left = false;
     let found = diagnosis.found();
-    // A friction of one way no mechanism has.
-    let by_state = |found: &Found| found.kind.at.is_some() && !found.kind.is(&ASYMMETRIC);
+    let by_state = |found: &Found| found.kind.at.is_some();
+    // Beside a load that may be any constant a friction of one way is one of both.
+    let tells = |found: &Found| !found.kind.is(&ASYMMETRIC);
     let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
-    let mut used = vec![vec![true; found.len()]];
-    if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && found.iter().any(by_state) {
+    let mut used = vec![found.iter().map(tells).collect::<Vec<_>>()];
+    let may_leave = found.iter().any(|found| by_state(found) && tells(found));
+    if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && may_leave {
         used.push(found.iter().map(|found| !by_state(found)).collect());
     }
     // Side by side only while that is no question of memory: of an hour each takes some hundred megabytes.
@@ -129,9 +131,9 @@ fn keep_loads_named(
         for (k, _) in used {
             let value = named.theta[at];
             let kept = if found.kind.is(&ASYMMETRIC) {
-                let part = half_of_one_way(named.theta[COULOMB], value);
-                both_ways -= part;
-                Some(2.0 * part * full.theta[COULOMB].max(0.0))
+                let [both, one] = split(named.theta[COULOMB], value);
+                both_ways = both;
+                Some(one * full.theta[COULOMB].max(0.0))
             } else {
                 (!left && is_smooth_load(found.kind)).then_some(value)
             };
@@ -165,14 +167,14 @@ fn keep_loads_named(
     forget(full, COULOMB, named);
 }
 
-/// Share of the mean friction of both ways that half the friction of one way more is.
-fn half_of_one_way(coulomb: f64, more: f64) -> f64 {
-    let half = 0.5 * more.max(0.0);
-    if half > 0.0 {
-        half / (coulomb.max(0.0) + half)
-    } else {
-        0.0
+/// The friction of both ways and what one way has `more`, for each of their mean.
+fn split(coulomb: f64, more: f64) -> [f64; 2] {
+    let (both, more) = (coulomb.max(0.0), more.max(0.0));
+    if more == 0.0 {
+        return [1.0, 0.0];
     }
+    let mean = both + 0.5 * more;
+    [both / mean, more / mean]
 }
 
 /// `model` as uncertain in inertia and friction as any of the others says, and without what `full` has not.
@@ -217,11 +219,7 @@ fn beside_mechanism(
     used: &[bool],
     whole_below: f64,
 ) -> Result<(EffortModel, Option<JointFit>), DynamicsError> {
-    // Beside a load that may be any constant a friction of one way is one of both.
-    let tells = |found: &Found| !found.kind.is(&ASYMMETRIC);
-    let used = found.iter().zip(used);
-    let used: Vec<bool> = used.map(|(found, used)| *used && tells(found)).collect();
-    let some = found.iter().zip(&used).filter(|(_, used)| **used);
+    let some = found.iter().zip(used).filter(|(_, used)| **used);
     let mut effects = beside_rigid(some.map(|(found, _)| found));
     let is_named = |found: &Found| found.kind.name == SENSOR_DRIFT.name;
     if !is_table && !found.iter().any(is_named) {
@@ -230,7 +228,7 @@ fn beside_mechanism(
     let (mut model, jointly) = fit_jointly(motion, &effects, whole_below)?;
     let mut fitted = model.theta.iter().copied();
     let mut theta: Vec<f64> = fitted.by_ref().take(3).collect();
-    for (found, used) in found.iter().zip(&used) {
+    for (found, used) in found.iter().zip(used) {
         for _ in found.terms() {
             theta.push(if *used {
                 fitted.next().unwrap_or(0.0)
@@ -249,14 +247,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_the_friction_that_there_is_one_way_has_its_part_and_both_are_friction() {
-        for (coulomb, more, half) in [
-            (3.0, 2.0, 0.25),
-            (0.0, 2.0, 1.0),
-            (3.0, 0.0, 0.0),
-            (0.0, 0.0, 0.0),
+    fn friction_of_both_ways_and_of_one_have_their_mean() {
+        for ([coulomb, more], each) in [
+            ([3.0, 2.0], [0.75, 0.5]),
+            ([0.0, 2.0], [0.0, 2.0]),
+            ([3.0, 0.0], [1.0, 0.0]),
+            ([0.0, 0.0], [1.0, 0.0]),
         ] {
-            assert_eq!(half_of_one_way(coulomb, more), half);
+            assert_eq!(split(coulomb, more), each);
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::digits::six;
 use crate::effect::library::Variable;
 use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError};
+use crate::noise::usual_square;
 use crate::samples::quantile;
 
 /// Share of a residual's variance that one variable explains.
@@ -84,10 +85,12 @@ fn made_by_errors(motion: &Motion, model: &EffortModel) -> Result<f64, MotionErr
         let more = motion.second_derivative(&motion.smoothed(noise)?);
         let both = motion.ddq.iter().zip(&more);
         let x: Vec<f64> = both.map(|(ddq, more)| ddq + more).collect();
-        let error = motion.regressor(&motion.second_derivative(noise))?;
+        let error_ddq = motion.second_derivative(noise);
+        let error = motion.regressor(&error_ddq)?;
         let alone = (Variable::Ddq, 0.0);
         let of_error = explained(alone, &motion.at_kept(&x), &error, model.effective_samples);
-        made += of_error.share * (felt * rms(&error) / left).powi(2).min(1.0);
+        let part = usual_square(motion, &error_ddq)? * (felt / left).powi(2);
+        made += of_error.share * part.min(1.0);
     }
     Ok(KNOWN_TO * made / motion.noise_of_q.len() as f64)
 }
