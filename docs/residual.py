@@ -34,6 +34,8 @@ def panel(left, x, y, most, said, unit):
 
 
 def main():
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
     path, name, title = sys.argv[1:]
     with open(path, encoding="utf-8") as file:
         report = json.load(file)
@@ -51,7 +53,7 @@ def main():
         f'<rect width="{WIDTH}" height="260" fill="#fff"/><text x="10" y="16" font-size="13">{escape(title)}</text>',
     ]
     for k, (values, said) in enumerate([(before, "without it"), (after, "with it")]):
-        out += panel(LEFT + k * APART, x, values, most, f"{said}: {rms(values):.3g} {force} rms", unit)
+        out += panel(LEFT + k * APART, x, values, most, f"{said}: {rms(values):.3g} {force} rms of these points", unit)
     print("\n".join([*out, "</svg>"]))
 
 

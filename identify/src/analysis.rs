@@ -9,7 +9,7 @@ use self::full::with_mechanism;
 use crate::diagnose::{
     Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, add_stiction,
     beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives, others_rid_of_slips,
-    shown, state_spread, take_from_both,
+    shown, state_forms, state_spread, take_from_both,
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, not_white,
@@ -144,6 +144,7 @@ pub fn analyse_confirmed(
     drop_useless(&mut diagnosis, &mut confirmed)?;
     state_spread(&mut diagnosis)?;
     take_from_both(&mut diagnosis)?;
+    state_forms(&mut diagnosis)?;
     let mut base = fit_base(&diagnosis.motion)?;
     let (samples, motion) = (&diagnosis.samples, &diagnosis.motion);
     let mut named = diagnosis.model.clone();

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::Analysis;
-use crate::diagnose::{Evidence, NamedEffect};
+use crate::diagnose::{Ambiguity, Evidence, NamedEffect};
 use crate::dynamics::{EffortModel, Term};
 use crate::effect::library::{Belongs, Search, Unit};
 use crate::screw::JointKind;
@@ -137,6 +137,13 @@ fn entry(
     effort: f64,
 ) -> EffectEntry {
     let confirm = analysis.confirmed.iter();
+    // Two variants of one effect have one name.
+    let mut alike: Vec<&Ambiguity> = Vec::new();
+    for one in &effect.ambiguous_with {
+        if alike.iter().all(|other| other.name != one.name) {
+            alike.push(one);
+        }
+    }
     EffectEntry {
         name: effect.found.kind.name,
         equation: effect.found.kind.equation,
@@ -149,12 +156,8 @@ fn entry(
             .map(|rms| rms / effort.max(f64::MIN_POSITIVE)),
         confirm_rms: confirm.filter_map(|c| c.rms.get(index).copied()).collect(),
         p_value: effect.p_value,
-        ambiguous_with: effect.ambiguous_with.iter().map(|a| a.name).collect(),
-        told_apart_by: effect
-            .ambiguous_with
-            .iter()
-            .map(|a| a.told_apart_by)
-            .collect(),
+        ambiguous_with: alike.iter().map(|a| a.name).collect(),
+        told_apart_by: alike.iter().map(|a| a.told_apart_by).collect(),
         belongs_to: match effect.found.kind.belongs {
             Belongs::Object => "object",
             Belongs::Recording => "recording",
@@ -187,7 +190,8 @@ fn terms_of(
         out.push(Term {
             name: term.0.to_owned(),
             value: model.theta.get(*at).copied(),
-            std: variance(k).or(by_model).map(|v| v.max(0.0).sqrt()),
+            // At a bound there is none.
+            std: variance(k).or(by_model).filter(|v| *v > 0.0).map(f64::sqrt),
             unit: term.1.text(joint),
         });
         *at += 1;

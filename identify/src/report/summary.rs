@@ -122,13 +122,14 @@ impl Report {
         if let Some(lag) = self.lag.filter(|lag| lag.applied) {
             let _ = writeln!(
                 out,
-                "lag        the {} is {:.1} ms late; taken out",
+                "lag        the {} is {:.1} ms {}; taken out",
                 if joint.axis_direction.is_some() {
                     "wrench"
                 } else {
                     "effort"
                 },
-                lag.value_s * 1e3
+                1e3 * lag.value_s.abs(),
+                if lag.value_s < 0.0 { "early" } else { "late" }
             );
         }
         for (what, why) in self
@@ -185,13 +186,14 @@ impl Report {
                     .map_or_else(String::new, |r| format!(", held {r:.3} m from the axis"));
                 format!(
                     "revolute, probed from {:.1} to {:.1} deg{radius}",
-                    low.to_degrees(),
-                    high.to_degrees()
+                    rounded(low.to_degrees(), 1),
+                    rounded(high.to_degrees(), 1)
                 )
             }
             JointKind::Prismatic => {
                 // A travel of parts of a millimetre needs more digits.
                 let digits = if high - low < 0.01 { 6 } else { 3 };
+                let [low, high] = [low, high].map(|q| rounded(q, digits));
                 format!("prismatic, probed from {low:.digits$} to {high:.digits$} m")
             }
         }
@@ -202,7 +204,8 @@ impl Report {
     pub fn verdict_line(&self) -> String {
         match self.last.verdict {
             Verdict::Explained if self.effects.is_empty() => {
-                "explained: I, mu, b leave the noise floor and nothing is missing".to_owned()
+                "explained: I, mu, b leave the noise floor; nothing is missing that these data show"
+                    .to_owned()
             }
             Verdict::Explained => {
                 "explained: what the named effects leave is at the noise floor".to_owned()
@@ -237,6 +240,12 @@ impl Report {
             }
         }
     }
+}
+
+/// To so many digits, and zero without a sign.
+fn rounded(value: f64, digits: usize) -> f64 {
+    let unit = 0.1_f64.powi(digits as i32);
+    (value / unit).round() * unit + 0.0
 }
 
 /// From one coordinate to another.
