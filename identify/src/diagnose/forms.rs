@@ -6,20 +6,25 @@ use super::model::{Found, Ground, RIGID};
 use super::search::{Diagnosis, fit_found};
 use super::shapes::{ENOUGH_AT_LAST, polished};
 use super::shown;
+use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::library::Search;
 
-/// Adds to the stated uncertainty of each effect that has two forms what its numbers differ by in the other one, by how likely that is.
+/// Adds to the stated uncertainty of each effect that has two forms what its numbers differ by in the other one, by how likely that is. What is
+/// left beyond noise would be no measure of that.
 ///
 /// # Errors
 /// When the model cannot be fitted as it is.
 pub(crate) fn state_forms(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let found = diagnosis.found();
-    if found.iter().all(|found| form_of(found).is_none()) {
+    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let is_lacking = diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor;
+    if is_lacking || found.iter().all(|found| form_of(found).is_none()) {
         return Ok(());
     }
-    let motion = &diagnosis.motion;
-    let ground = Ground::of(motion.clone())?;
+    let (motion, theta) = (&diagnosis.motion, &diagnosis.model.theta);
+    let mut ground = Ground::of(motion.clone())?;
+    ground.active = [theta[0] > 0.0, true, theta[2] > 0.0];
     let x = ground.columns(&[])?;
     let nearest = |found: Vec<Found>| polished(&ground, &x, &ground.y, found, ENOUGH_AT_LAST);
     let found = nearest(found);
@@ -69,6 +74,7 @@ fn numbers(found: &[Found], model: &EffortModel, k: usize) -> DVector<f64> {
 
 /// Of the first of two models, one of which is true, by what they leave of strokes that were held out.
 fn likelihood(one: &EffortModel, other: &EffortModel) -> f64 {
-    let worse = (one.held_out_rms / other.held_out_rms).ln();
+    let [one_rms, other_rms] = [one, other].map(|m| m.held_out_rms.max(f64::MIN_POSITIVE));
+    let worse = (one_rms / other_rms).ln();
     1.0 / (1.0 + (other.effective_samples * worse).exp())
 }

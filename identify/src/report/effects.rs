@@ -137,10 +137,12 @@ fn entry(
     effort: f64,
 ) -> EffectEntry {
     let confirm = analysis.confirmed.iter();
-    // Two variants of one effect have one name.
+    // Two variants of one effect may be told apart by the same.
     let mut alike: Vec<&Ambiguity> = Vec::new();
     for one in &effect.ambiguous_with {
-        if alike.iter().all(|other| other.name != one.name) {
+        let is_one =
+            |other: &&Ambiguity| (other.name, other.told_apart_by) == (one.name, one.told_apart_by);
+        if !alike.iter().any(is_one) {
             alike.push(one);
         }
     }

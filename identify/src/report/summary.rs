@@ -161,8 +161,10 @@ impl Report {
             for pair in &effect.confirm_rms {
                 let _ = write!(out, ", {}", confirmation(*pair));
             }
-            if !effect.ambiguous_with.is_empty() {
-                let _ = write!(out, "; or {}", effect.ambiguous_with.join(", "));
+            let mut alike = effect.ambiguous_with.clone();
+            alike.dedup();
+            if !alike.is_empty() {
+                let _ = write!(out, "; or {}", alike.join(", "));
             }
             out.push('\n');
         }
@@ -251,8 +253,14 @@ fn rounded(value: f64, digits: usize) -> f64 {
 /// From one coordinate to another.
 fn stretch([from, to]: [f64; 2], kind: JointKind) -> String {
     match kind {
-        JointKind::Revolute => format!("{:.1} to {:.1} deg", from.to_degrees(), to.to_degrees()),
-        JointKind::Prismatic => format!("{from:.3} to {to:.3} m"),
+        JointKind::Revolute => {
+            let [from, to] = [from, to].map(|q| rounded(q.to_degrees(), 1));
+            format!("{from:.1} to {to:.1} deg")
+        }
+        JointKind::Prismatic => {
+            let [from, to] = [from, to].map(|q| rounded(q, 3));
+            format!("{from:.3} to {to:.3} m")
+        }
     }
 }
 

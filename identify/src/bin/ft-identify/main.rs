@@ -33,7 +33,7 @@ use use_twin::{Compare, Export, Simulate, positive};
 
 const EXAMPLES: &str = "Examples:
   ft-identify door.mcap -o door                       joint, dynamics, twin; look at door/report.html
-  ft-identify door.mcap --confirm again.mcap -o door only what another recording of the door shows, too
+  ft-identify door.mcap --confirm again.mcap -o door    only what another recording of the door shows, too
   ft-identify bag.mcap --map /wrench=/ft/wrench -o out    a recording with other topic names
   ft-identify --batch recordings/ -o results         all of them, and results/summary.csv
   ft-identify door.mcap --estimator paper -o door     the paper's estimator beside ours
