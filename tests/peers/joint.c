@@ -56,6 +56,9 @@ struct drawer {
     double warm, warm_s;                              /* N of friction lost with time */
     double root;                                      /* N per root of a speed: in no library */
     double brake;                                     /* N of friction between two places: in no library */
+    double bumper;                                    /* N/m of rubber from 85 % of the range on: in no library */
+    double liquid;                                    /* kg that sloshes at 1.5 Hz: in no library */
+    double relaxing;                                  /* N s/m of a damper behind a spring: in no library */
 };
 
 static struct drawer drawn(const char *effects)
@@ -94,6 +97,12 @@ static struct drawer drawn(const char *effects)
         d.root = SIZE(8, 3.0, 9.0);
     if (HAS("brake"))
         d.brake = SIZE(9, 1.5, 4.0);
+    if (HAS("bumper"))
+        d.bumper = SIZE(0, 300.0, 1500.0);
+    if (HAS("liquid"))
+        d.liquid = d.mass * SIZE(0, 0.15, 0.5);
+    if (HAS("relaxing"))
+        d.relaxing = SIZE(0, 10.0, 40.0);
     return d;
 }
 
@@ -107,7 +116,7 @@ static double load(const struct drawer *d, double q)
         sum += d->magnet / pow(1.0 + fmax(q, 0.0) / d->magnet_reach, 2.0);
     if (d->roller > 0.0)
         sum += d->roller * cos(2.0 * PI * q / d->roller_period + 1.0);
-    return sum;
+    return sum + d->bumper * fmax(q - 0.85 * RANGE, 0.0);
 }
 
 static double damping(const struct drawer *d, double dq)
@@ -159,6 +168,7 @@ int main(int count, char **arguments)
     seed(number);
     double stiffness = 900.0 * d.mass, hand_damping = 54.0 * d.mass;
     double q = 0.02 * RANGE, dq = 0.0, bristle = 0.0, tremor = 0.0;
+    double liquid_at = q, liquid_speed = 0.0, piston = q;
     struct stroke s = {q, q, 0.0, 0.5};
     printf("t,q,f\n");
     for (long i = 0; i * STEP < SECONDS; i++) {
@@ -173,6 +183,17 @@ int main(int count, char **arguments)
         if (i % EVERY == 0)
             printf("%.4f,%.7f,%.5f\n", t, q + 1e-4 * normal(), hand + 0.1 * normal());
         double rest = hand - load(&d, q) - damping(&d, dq), slides = dry(&d, q, t);
+        if (d.liquid > 0.0) {
+            double rate = 2.0 * PI * 1.5, held = d.liquid * rate * (rate * (liquid_at - q) + 0.2 * (liquid_speed - dq));
+            liquid_speed -= STEP * held / d.liquid;
+            liquid_at += STEP * liquid_speed;
+            rest += held;
+        }
+        if (d.relaxing > 0.0) {
+            double held = d.relaxing / 0.15 * (q - piston);
+            piston += STEP * held / d.relaxing;
+            rest -= held;
+        }
         double resists = slides + d.stribeck * exp(-pow(dq / d.stribeck_speed, 2.0));
         if (d.bristle > 0.0) {
             double rate = dq - d.bristle * fabs(dq) / resists * bristle;

@@ -240,6 +240,8 @@ pub fn pip_install(python: &Path, what: &[&OsStr]) -> Result<(), String> {
         "pip",
         "install",
         "--no-cache-dir",
+        // What is imported is compiled then; all would be 240 MB.
+        "--no-compile",
         "--quiet",
         "--disable-pip-version-check",
     ];

@@ -322,8 +322,8 @@ fn notches_and_ripples_that_make_up_a_load_are_no_name_for_it() {
     assert!(judged.wrong.is_empty(), "{judged:?}");
 }
 
-/// A friction that falls with speed, for which a mass put on does on one recording; and a constant and a friction of two sizes, which no
-/// motion tells apart.
+/// A friction that falls with speed, for which a mass put on does on one recording; a grasp that gives, for which play does; a door that leans, no part
+/// of whose weight is a wide magnet's; and a constant and a friction of two sizes, which no motion tells apart.
 #[test]
 fn a_confirming_recording_tells_look_alikes_apart() {
     let alike = |judged: &Judged, name: &str| {
@@ -338,6 +338,18 @@ fn a_confirming_recording_tells_look_alikes_apart() {
         "{alone:?}"
     );
     assert!(alike(&confirmed, "stribeck").is_empty(), "{confirmed:?}");
+
+    let gives = Pair::of(665_100_024).judged(&[CONFIRM]);
+    assert_eq!(gives.truth, ["grasp_compliance"]);
+    assert!(alike(&gives, "grasp_compliance").is_empty(), "{gives:?}");
+
+    let leans = Pair::of(665_100_043).judged(&[CONFIRM]);
+    assert_eq!(leans.truth, ["gravity"]);
+    assert!(alike(&leans, "gravity").is_empty(), "{leans:?}");
+    assert!(
+        alike(&leans, "spring").contains(&"constant_load"),
+        "{leans:?}"
+    );
 
     let constant = Pair::of(9_300_145).judged(&[CONFIRM]);
     assert_eq!(constant.truth, ["constant_load"]);

@@ -3,7 +3,7 @@
 
 use super::confirm::{objects, with_columns};
 use super::elsewhere::{datum, error_on};
-use super::finish::{are_crude, are_of_one_class};
+use super::finish::are_of_one_class;
 use super::model::{Found, Ground};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, fit_found};
 use crate::dynamics::DynamicsError;
@@ -11,8 +11,6 @@ use crate::dynamics::DynamicsError;
 /// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so
 /// many times that of the effect in the mean over all recordings, the first included.
 const APART: f64 = 1.03;
-/// The same for play and a grasp that gives: the forms of both are cruder than the difference between them may be.
-pub(super) const CRUDE_APART: f64 = 1.08;
 
 /// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.
 ///
@@ -61,12 +59,7 @@ fn is_apart(alike: &Ambiguity, name: &'static str, own: &[f64], its: &[f64]) -> 
     }
     let ratios = || its.iter().zip(own).map(|(its, own)| (its / own).powi(2));
     let mean = ratios().sum::<f64>() / own.len() as f64;
-    let least = if are_crude(alike.name, name) {
-        CRUDE_APART
-    } else {
-        APART
-    };
-    ratios().skip(1).all(|ratio| ratio > 1.0) && mean > least
+    ratios().skip(1).all(|ratio| ratio > 1.0) && mean > APART
 }
 
 /// Held-out error of a model on the first recording, and its errors on the others.

@@ -116,9 +116,10 @@ impl State {
             let share = 1.0 - (held_out_rms[1] / held_out_rms[0]).powi(2);
             // Of what free air shows there is no doubt, but it may do nothing that a name would be needed for.
             let known = p_value == 0.0;
-            if !known && share < SURE && model.held_out_rms > EXPLAINED_BELOW * self.floor.rms {
+            let (left, floor) = (model.held_out_rms, self.floor.rms);
+            if !known && share < sure_share(left, floor) && left > EXPLAINED_BELOW * floor {
                 self.refused
-                    .push(doubt("time_lag", share, held_out_rms, self.floor.rms));
+                    .push(doubt("time_lag", share, held_out_rms, floor));
                 self.shift(late)?;
                 self.lag = None;
                 self.effects = as_found;
@@ -429,8 +430,8 @@ pub(super) fn fit_named(
 /// Lag that is named beside a grasp that gives, s; a smaller one is taken out without a name.
 const LEAST_BESIDE: f64 = 3e-3;
 
-/// Share of a column that must stay its own to be seen.
-const HIDDEN: f64 = 0.3;
+/// Share of a column that must stay its own to be seen: of an effect of two floors that is a fifth of a floor, near the least that is found.
+const HIDDEN: f64 = 0.1;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
 /// too little beside all others to be sure of its name and less than what stays above the floor (curves: whatever stays), and all curves but one,
@@ -442,7 +443,6 @@ fn drop_doubtful(
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
 ) -> Result<(), DynamicsError> {
-    let is_curve = |found: &Found| CURVES.contains(&found.kind.name);
     if effects.iter().filter(|e| is_curve(&e.found)).count() >= ANY_LOAD {
         let curves = effects.extract_if(.., |e| is_curve(&e.found));
         refused.extend(curves.map(|curve| Refused {
@@ -465,11 +465,10 @@ fn drop_doubtful(
             let [before, after] = beside_others(ground, &all, i)?;
             let share = 1.0 - (after / before).powi(2);
             let curve = is_curve(found);
-            let sure = match (curve, after > FAR * floor) {
-                (true, _) if !ground.curve.is_empty() => SURE_BESIDE_CURVE,
-                (true, _) => SURE_CURVE,
-                (false, true) => SURE_FAR,
-                (false, false) => SURE,
+            let sure = match curve {
+                true if !ground.curve.is_empty() => SURE_BESIDE_CURVE,
+                true => SURE_CURVE,
+                false => sure_share(after, floor),
             };
             // What explains more than all that stays above the floor is no stand-in for it.
             let stays = after.powi(2) - floor.powi(2);
@@ -511,7 +510,7 @@ fn drop_small(
         let found = &all[i];
         let [before, after] = beside_others(ground, &all, i)?;
         let share = 1.0 - (after / before).powi(2);
-        let judged = is_beside_curve(found) && !CURVES.contains(&found.kind.name) && !known(found);
+        let judged = is_beside_curve(found) && !is_curve(found) && !known(found);
         if judged && after > VERY_FAR * floor && share < SURE_VERY_FAR {
             effects.remove(i);
             refused.push(doubt(found.kind.name, share, [before, after], floor));
@@ -520,27 +519,42 @@ fn drop_small(
     Ok(())
 }
 
-/// Held-out errors without and with effect `i`, beside the others and, where it is none that a curve would hold, the curve of the search.
+/// Held-out errors without and with effect `i`, beside the others and, where the search has a curve, a load of any shape: a bent one for notches and
+/// ripples, the smooth one for the rest, and none for what that would hold.
 fn beside_others(ground: &Ground, all: &[Found], i: usize) -> Result<[f64; 2], DynamicsError> {
     let mut others = all.to_vec();
     others.remove(i);
-    let beside_curve = is_beside_curve(&all[i]);
+    if ground.curve.is_empty() || !is_beside_curve(&all[i]) {
+        let error = |found: &[Found]| fit_found(&ground.motion, found).map(|fit| fit.held_out_rms);
+        return Ok([error(&others)?, error(all)?]);
+    }
+    let curve = if is_curve(&all[i]) {
+        &ground.bent_load()?
+    } else {
+        &ground.curve
+    };
     Ok([
-        error_of(ground, &others, beside_curve)?,
-        error_of(ground, all, beside_curve)?,
+        error_beside(ground, &others, curve)?,
+        error_beside(ground, all, curve)?,
     ])
+}
+
+fn is_curve(found: &Found) -> bool {
+    CURVES.contains(&found.kind.name)
 }
 
 fn is_beside_curve(found: &Found) -> bool {
     !is_smooth_load(found.kind) && found.kind.name != "catch"
 }
 
-/// Held-out error of a model, beside the curve of the search if there is one.
-fn error_of(ground: &Ground, found: &[Found], beside_curve: bool) -> Result<f64, DynamicsError> {
-    if ground.curve.is_empty() || !beside_curve {
-        return Ok(fit_found(&ground.motion, found)?.held_out_rms);
-    }
-    let x = ground.columns(found)?;
+/// Held-out error of a model beside the columns of a curve.
+fn error_beside(
+    ground: &Ground,
+    found: &[Found],
+    curve: &[Vec<f64>],
+) -> Result<f64, DynamicsError> {
+    let mut x = ground.plain_columns(found)?;
+    x.extend_from_slice(curve);
     let efforts = [ground.y.clone()];
     let outcome = Problem::new(&x, &efforts, &ground.folds).complete(&[]);
     Ok(outcome.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
@@ -558,7 +572,12 @@ fn doubt(name: &'static str, share: f64, held_out_rms: [f64; 2], floor: f64) -> 
     }
 }
 
-/// Share of the squared error that an effect must take away to be named while more than the floor is left.
+/// Share of the squared error that an effect must take away to be named while more than the floor is left: that much.
+fn sure_share(left: f64, floor: f64) -> f64 {
+    if left > FAR * floor { SURE_FAR } else { SURE }
+}
+
+/// Such a share where the floor is near.
 const SURE: f64 = 0.3;
 /// The same while many floors are left.
 const SURE_FAR: f64 = 0.5;

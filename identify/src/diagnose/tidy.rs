@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use super::apart::CRUDE_APART;
 use super::confirm::shown;
 use super::gates::{gives, most_of};
 use super::model::{Found, grid_points, is_load, object_of, signs_hold};
@@ -25,6 +24,9 @@ const HOPELESS: f64 = 4.0;
 const REFORMED_BELOW: f64 = 0.995;
 /// What acts through the object is made anew so often.
 const REMADE: usize = 3;
+/// Play in the place of a grasp that gives, or that in its place, is to leave so much less of the squared error: the forms of both are cruder than the
+/// difference between them may be.
+const CRUDE_APART: f64 = 1.08;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
