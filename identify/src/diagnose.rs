@@ -10,6 +10,7 @@ mod apart;
 mod breakaway;
 mod confirm;
 mod dampers;
+mod doubt;
 mod elsewhere;
 mod evidence;
 mod finish;

@@ -12,7 +12,7 @@ use tempfile::tempdir;
 struct Case(&'static str, &'static [&'static str], &'static str);
 
 /// What the library has names for, alone and in twos, and what it has none for.
-const CASES: [Case; 21] = [
+const CASES: [Case; 22] = [
     Case("none", &[], "explained"),
     Case("spring", &["spring"], "explained"),
     Case("constant_load", &["constant_load"], "explained"),
@@ -39,6 +39,8 @@ const CASES: [Case; 21] = [
     Case("root", &[], "unexplained"),
     Case("brake", &["position_dependent_friction"], "unexplained"),
     Case("hardening", &["spring"], "unexplained"),
+    // Beside a load of no name: a notch, and a corner that looks like one.
+    Case("detent+hardening", &["detent", "spring"], "unexplained"),
     Case("bumper", &[], "unexplained"),
     Case("liquid", &[], "unexplained"),
     Case("relaxing", &[], "unexplained"),

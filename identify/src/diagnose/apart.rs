@@ -8,8 +8,8 @@ use super::model::{Found, Ground};
 use super::search::{Ambiguity, Diagnosis, NamedEffect, fit_found};
 use crate::dynamics::DynamicsError;
 
-/// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so
-/// many times that of the effect in the mean over all recordings, the first included.
+/// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so many times that of the
+/// effect in their mean. The first recording is not asked: the effect was named because it errs least there.
 const APART: f64 = 1.03;
 
 /// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.
@@ -52,17 +52,17 @@ pub(super) fn tell_apart<'a>(
     Ok(())
 }
 
-/// Whether the errors of the model with a look-alike, on the first and on the confirming recordings, tell it from the effect `name`.
+/// Whether the errors of the model with a look-alike on the confirming recordings tell it from the effect `name`.
 fn is_apart(alike: &Ambiguity, name: &'static str, own: &[f64], its: &[f64]) -> bool {
     if are_of_one_class(alike.name, name) {
         return false;
     }
     let ratios = || its.iter().zip(own).map(|(its, own)| (its / own).powi(2));
     let mean = ratios().sum::<f64>() / own.len() as f64;
-    ratios().skip(1).all(|ratio| ratio > 1.0) && mean > APART
+    ratios().all(|ratio| ratio > 1.0) && mean > APART
 }
 
-/// Held-out error of a model on the first recording, and its errors on the others.
+/// Errors of a model of the first recording on the others.
 fn errors<'a>(
     diagnosis: &Diagnosis,
     found: &[Found],
@@ -70,7 +70,7 @@ fn errors<'a>(
 ) -> Result<Vec<f64>, DynamicsError> {
     let model = fit_found(&diagnosis.motion, found)?;
     let theta = model.theta.as_slice();
-    let mut out = vec![model.held_out_rms];
+    let mut out = Vec::new();
     for ground in grounds {
         let datum = datum(diagnosis, found, theta, ground)?;
         out.push(error_on(found, theta, ground, datum)?.0);

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
+use super::doubt::{doubt, drop_doubtful, error_beside, explains_little};
 use super::gates::{LEAST_SIZE, gives};
-use super::model::{Found, Ground, RIGID, is_known, is_smooth_load, object_of};
-use super::score::{Problem, factor, gram};
+use super::model::{Found, Ground, RIGID, is_known, object_of};
+use super::score::{factor, gram};
 use super::search::{
     Ambiguity, Diagnosis, NamedEffect, RIVAL_BELOW, Refused, State, fit_found, floor_of,
 };
@@ -17,6 +18,7 @@ use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::{Kind, kind};
 use crate::effect::load::{CONSTANT_LOAD, STRUT};
+use crate::effect::measurement::TIME_LAG;
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
@@ -48,7 +50,7 @@ fn are(pair: (&str, &str), a: &str, b: &str) -> bool {
 }
 
 /// Whether they are play and a grasp that gives.
-pub(super) fn are_crude(a: &str, b: &str) -> bool {
+fn are_crude(a: &str, b: &str) -> bool {
     are(CRUDE, a, b)
 }
 
@@ -70,7 +72,7 @@ impl State {
         self.name_by_friction()?;
         let theta = self.fit()?.theta;
         self.offer_anew(theta.as_slice())?;
-        let as_found = self.effects.clone();
+        let (as_found, told) = (self.effects.clone(), self.refused.len());
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
@@ -111,19 +113,26 @@ impl State {
         if let Some((lag, p_value)) = self.lag {
             // The others' errors are those with the lag taken out; its own are with all others in.
             let late = self.samples.with_effort_earlier(-lag);
-            let before = fit_found(&Motion::prepare(&late, &self.settings)?, &ordered)?;
+            let aired = self.shifted(&late)?;
+            let before = fit_found(&aired.motion, &ordered)?;
             let held_out_rms = [before.held_out_rms, model.held_out_rms];
-            let share = 1.0 - (held_out_rms[1] / held_out_rms[0]).powi(2);
             // Of what free air shows there is no doubt, but it may do nothing that a name would be needed for.
             let known = p_value == 0.0;
-            let (left, floor) = (model.held_out_rms, self.floor.rms);
-            if !known && share < sure_share(left, floor) && left > EXPLAINED_BELOW * floor {
-                self.refused
-                    .push(doubt("time_lag", share, held_out_rms, floor));
+            let sensors = self.floor.rms;
+            let beside = |ground: &Ground| error_beside(ground, &ordered, &ground.curve);
+            let errors = [beside(&aired)?, beside(&self.ground)?];
+            let is_left = model.held_out_rms > EXPLAINED_BELOW * sensors;
+            if !known && is_left && explains_little(errors, sensors) {
+                self.refused.truncate(told);
+                self.refused.push(doubt(TIME_LAG.name, errors, sensors));
                 self.shift(late)?;
                 self.lag = None;
                 self.effects = as_found;
+                // What it took the place of was not looked for.
+                self.bank.retain(|one| !one.kind.is(&TIME_LAG));
+                self.given_up.clear();
                 self.refine_all()?;
+                self.search()?;
                 return self.finish();
             }
             let Some(time_lag) = kind("time_lag") else {
@@ -138,7 +147,7 @@ impl State {
             };
             // A grasp that gives moves tool and object apart in time as well.
             let gives = |effect: &NamedEffect| gives(effect.found.kind);
-            let needed = !known || share > 0.0;
+            let needed = !known || held_out_rms[1] < held_out_rms[0];
             if needed && (lag.abs() > LEAST_BESIDE || !effects.iter().any(gives)) {
                 self.refused.retain(|refused| refused.name != time_lag.name);
                 effects.push(effect);
@@ -363,8 +372,8 @@ impl State {
 }
 
 impl State {
-    /// Effects of the state that are not in the model, but of which a part of effect `i` may be: what its columns leave of
-    /// theirs is too little to be seen.
+    /// Effects of the state that are not in the model, but of which a part of effect `i` may be: what its columns leave of theirs is too little to be
+    /// seen, in half of their shapes or more. A very wide magnet in a door's weight is no reason to look for a magnet.
     fn hidden_in(&self, i: usize) -> Result<Vec<&'static Kind>, DynamicsError> {
         let mut others = self.found();
         let all = self.ground.plain_columns(&others)?;
@@ -383,11 +392,12 @@ impl State {
             }
             rms(&left)
         };
-        let mut out: Vec<&'static Kind> = Vec::new();
+        // Of each kind, of how many shapes that is so, and of how many it is not.
+        let mut tally: Vec<(&'static Kind, [usize; 2])> = Vec::new();
         for candidate in &self.bank {
             let kind = candidate.kind;
             let there = self.effects.iter().any(|(f, _)| f.kind.name == kind.name);
-            if kind.at.is_none() || there || out.iter().any(|hidden| hidden.name == kind.name) {
+            if kind.at.is_none() || there {
                 continue;
             }
             let columns = candidate.columns();
@@ -395,12 +405,17 @@ impl State {
                 continue;
             };
             let beside_all = own(&all, column);
-            if beside_all < HIDDEN * own(&base, column) && own(&without, column) > 2.0 * beside_all
-            {
-                out.push(kind);
-            }
+            let hides = beside_all < HIDDEN * own(&base, column)
+                && own(&without, column) > 2.0 * beside_all;
+            let at = tally.iter().position(|(k, _)| k.name == kind.name);
+            let at = at.unwrap_or_else(|| {
+                tally.push((kind, [0, 0]));
+                tally.len() - 1
+            });
+            tally[at].1[usize::from(!hides)] += 1;
         }
-        Ok(out)
+        tally.retain(|(_, [hidden, seen])| *hidden > 0 && hidden >= seen);
+        Ok(tally.into_iter().map(|(kind, _)| kind).collect())
     }
 }
 
@@ -430,170 +445,8 @@ pub(super) fn fit_named(
 /// Lag that is named beside a grasp that gives, s; a smaller one is taken out without a name.
 const LEAST_BESIDE: f64 = 3e-3;
 
-/// Share of a column that must stay its own to be seen: of an effect of two floors that is a fifth of a floor, near the least that is found.
-const HIDDEN: f64 = 0.1;
-
-/// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
-/// too little beside all others to be sure of its name and less than what stays above the floor (curves: whatever stays), and all curves but one,
-/// because several could make up any load. Three of them do so to the floor, and are taken back whatever is left.
-fn drop_doubtful(
-    ground: &Ground,
-    floor: f64,
-    known: impl Fn(&Found) -> bool,
-    effects: &mut Vec<NamedEffect>,
-    refused: &mut Vec<Refused>,
-) -> Result<(), DynamicsError> {
-    if effects.iter().filter(|e| is_curve(&e.found)).count() >= ANY_LOAD {
-        let curves = effects.extract_if(.., |e| is_curve(&e.found));
-        refused.extend(curves.map(|curve| Refused {
-            name: curve.found.kind.name,
-            reason: format!(
-                "{ANY_LOAD} notches and ripples together make up any load: this one has no name"
-            ),
-            held_out_rms: curve.held_out_rms,
-        }));
-    }
-    drop_small(ground, floor, &known, effects, refused)?;
-    loop {
-        let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-        if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
-            break;
-        }
-        let curves = all.iter().filter(|found| is_curve(found)).count();
-        let mut least: Option<(usize, f64, [f64; 2])> = None;
-        for (i, found) in all.iter().enumerate() {
-            let [before, after] = beside_others(ground, &all, i)?;
-            let share = 1.0 - (after / before).powi(2);
-            let curve = is_curve(found);
-            let sure = match curve {
-                true if !ground.curve.is_empty() => SURE_BESIDE_CURVE,
-                true => SURE_CURVE,
-                false => sure_share(after, floor),
-            };
-            // What explains more than all that stays above the floor is no stand-in for it.
-            let stays = after.powi(2) - floor.powi(2);
-            let outdone = before.powi(2) - after.powi(2) < stays;
-            let little = share < sure && (curve || outdone);
-            let doubtful = (little || curve && curves > 1) && !known(found);
-            if doubtful && least.is_none_or(|(_, old, _)| share < old) {
-                least = Some((i, share, [before, after]));
-            }
-        }
-        let Some((i, share, errors)) = least else {
-            break;
-        };
-        let gone = effects.remove(i);
-        refused.push(doubt(gone.found.kind.name, share, errors, floor));
-    }
-    let mut found: Vec<Found> = Vec::new();
-    let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
-    for effect in effects.iter_mut() {
-        found.push(effect.found.clone());
-        let after = fit_found(&ground.motion, &found)?.held_out_rms;
-        effect.held_out_rms = [before, after];
-        before = after;
-    }
-    Ok(())
-}
-
-/// While very much is left: takes back what explains but a small part of what is there without it. All at once, because what goes makes the share
-/// of what stays smaller; and no load that a curve would hold, because it is judged without one.
-fn drop_small(
-    ground: &Ground,
-    floor: f64,
-    known: impl Fn(&Found) -> bool,
-    effects: &mut Vec<NamedEffect>,
-    refused: &mut Vec<Refused>,
-) -> Result<(), DynamicsError> {
-    let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-    for i in (0..all.len()).rev() {
-        let found = &all[i];
-        let [before, after] = beside_others(ground, &all, i)?;
-        let share = 1.0 - (after / before).powi(2);
-        let judged = is_beside_curve(found) && !is_curve(found) && !known(found);
-        if judged && after > VERY_FAR * floor && share < SURE_VERY_FAR {
-            effects.remove(i);
-            refused.push(doubt(found.kind.name, share, [before, after], floor));
-        }
-    }
-    Ok(())
-}
-
-/// Held-out errors without and with effect `i`, beside the others and, where the search has a curve, a load of any shape: a bent one for notches and
-/// ripples, the smooth one for the rest, and none for what that would hold.
-fn beside_others(ground: &Ground, all: &[Found], i: usize) -> Result<[f64; 2], DynamicsError> {
-    let mut others = all.to_vec();
-    others.remove(i);
-    if ground.curve.is_empty() || !is_beside_curve(&all[i]) {
-        let error = |found: &[Found]| fit_found(&ground.motion, found).map(|fit| fit.held_out_rms);
-        return Ok([error(&others)?, error(all)?]);
-    }
-    let curve = if is_curve(&all[i]) {
-        &ground.bent_load()?
-    } else {
-        &ground.curve
-    };
-    Ok([
-        error_beside(ground, &others, curve)?,
-        error_beside(ground, all, curve)?,
-    ])
-}
-
-fn is_curve(found: &Found) -> bool {
-    CURVES.contains(&found.kind.name)
-}
-
-fn is_beside_curve(found: &Found) -> bool {
-    !is_smooth_load(found.kind) && found.kind.name != "catch"
-}
-
-/// Held-out error of a model beside the columns of a curve.
-fn error_beside(
-    ground: &Ground,
-    found: &[Found],
-    curve: &[Vec<f64>],
-) -> Result<f64, DynamicsError> {
-    let mut x = ground.plain_columns(found)?;
-    x.extend_from_slice(curve);
-    let efforts = [ground.y.clone()];
-    let outcome = Problem::new(&x, &efforts, &ground.folds).complete(&[]);
-    Ok(outcome.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
-}
-
-fn doubt(name: &'static str, share: f64, held_out_rms: [f64; 2], floor: f64) -> Refused {
-    Refused {
-        name,
-        reason: format!(
-            "it explains {:.0} % of what is left and {:.1} noise floors stay: too little to be sure of its name",
-            100.0 * share,
-            held_out_rms[1] / floor
-        ),
-        held_out_rms,
-    }
-}
-
-/// Share of the squared error that an effect must take away to be named while more than the floor is left: that much.
-fn sure_share(left: f64, floor: f64) -> f64 {
-    if left > FAR * floor { SURE_FAR } else { SURE }
-}
-
-/// Such a share where the floor is near.
-const SURE: f64 = 0.3;
-/// The same while many floors are left.
-const SURE_FAR: f64 = 0.5;
-/// So many floors are many.
-const FAR: f64 = 3.0;
-/// The same where so many are left that what is named is a small part of what there is.
-const SURE_VERY_FAR: f64 = 0.75;
-const VERY_FAR: f64 = 5.0;
-/// The same for a curve over the coordinate.
-const SURE_CURVE: f64 = 0.6;
-/// The same beside a load of no name, of which it may be a part.
-const SURE_BESIDE_CURVE: f64 = 0.9;
-/// Curves over the coordinate that can sit anywhere: two or three of them make up any load.
-const CURVES: [&str; 2] = ["detent", "ripple"];
-/// So many of them do so to the noise floor.
-const ANY_LOAD: usize = 3;
+/// Share of a column that must stay its own to be seen.
+const HIDDEN: f64 = 0.3;
 
 fn ambiguity(kind: &Kind, rival: Option<Found>) -> Ambiguity {
     Ambiguity {

@@ -316,17 +316,8 @@ impl Ground {
 
     /// Columns of a smooth load of any shape over the coordinate.
     pub(super) fn smooth_load(&self) -> Result<Vec<Vec<f64>>, MotionError> {
-        self.load_in(CURVE_PIECES)
-    }
-
-    /// The same with bends: what it takes up is no notch, but a corner that the smooth one rounds off.
-    pub(super) fn bent_load(&self) -> Result<Vec<Vec<f64>>, MotionError> {
-        self.load_in(4 * CURVE_PIECES)
-    }
-
-    fn load_in(&self, pieces: usize) -> Result<Vec<Vec<f64>>, MotionError> {
         let [low, high] = self.scope().q;
-        let basis = Basis::new(low, high, pieces, 3);
+        let basis = Basis::new(low, high, CURVE_PIECES, 3);
         let mut series = vec![vec![0.0; self.motion.q.len()]; basis.len()];
         for (i, q) in self.motion.q.iter().enumerate() {
             let (first, values) = basis.evaluate(*q);

@@ -535,7 +535,7 @@ impl State {
     }
 
     /// The ground of other samples, with a curve where there is one.
-    fn shifted(&self, samples: &JointSamples) -> Result<Ground, DynamicsError> {
+    pub(super) fn shifted(&self, samples: &JointSamples) -> Result<Ground, DynamicsError> {
         let mut ground = Ground::of(Motion::prepare(samples, &self.settings)?)?;
         if !self.ground.curve.is_empty() {
             ground.curve = ground.smooth_load()?;

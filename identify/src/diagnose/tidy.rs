@@ -24,9 +24,8 @@ const HOPELESS: f64 = 4.0;
 const REFORMED_BELOW: f64 = 0.995;
 /// What acts through the object is made anew so often.
 const REMADE: usize = 3;
-/// Play in the place of a grasp that gives, or that in its place, is to leave so much less of the squared error: the forms of both are cruder than the
-/// difference between them may be.
-const CRUDE_APART: f64 = 1.08;
+/// Play must leave so many times less of the squared error than a grasp that gives, which has one number less, and of neither the form is exact.
+const WORTH_PLAY: f64 = 1.08;
 /// Play that may look like a grasp that gives: the gap in what that gives at the usual effort, and what still gives as a share of it.
 const PLAYS: [[f64; 2]; 3] = [[0.7, 0.7], [1.5, 0.4], [2.0, 0.15]];
 
@@ -245,9 +244,9 @@ impl State {
         };
         let mut least = self.error()?;
         if self.effects[i].0.kind.name == GRASP_COMPLIANCE.name {
-            least /= CRUDE_APART.sqrt();
+            least /= WORTH_PLAY.sqrt();
         } else {
-            least *= CRUDE_APART.sqrt();
+            least *= WORTH_PLAY.sqrt();
         }
         let mut changed = false;
         for (kind, shape) in others {
