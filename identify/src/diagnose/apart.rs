@@ -9,7 +9,7 @@ use super::search::{Ambiguity, Diagnosis, NamedEffect, fit_found};
 use crate::dynamics::DynamicsError;
 
 /// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so many times that of the
-/// effect in their mean. The first recording is not asked: the effect was named because it errs least there.
+/// effect in their mean. The first recording has had its say: it chose.
 const APART: f64 = 1.03;
 
 /// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them.

@@ -5,17 +5,20 @@ use super::score::Problem;
 use super::search::{NamedEffect, Refused, fit_found};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
+use crate::effect::load::DETENT;
 
 /// While more than the floor is left, something is missing or has the wrong name: takes back, one after the other, what explains
 /// too little beside all others to be sure of its name and less than what stays above the floor (curves: whatever stays), and all curves but one,
 /// because several could make up any load. Three of them do so to the floor, and are taken back whatever is left.
+///
+/// Gives the corners that the load of no name has in the place of notches.
 pub(super) fn drop_doubtful(
     ground: &Ground,
     floor: f64,
     known: impl Fn(&Found) -> bool,
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
-) -> Result<(), DynamicsError> {
+) -> Result<Vec<f64>, DynamicsError> {
     if effects.iter().filter(|e| is_curve(&e.found)).count() >= ANY_LOAD {
         let curves = effects.extract_if(.., |e| is_curve(&e.found));
         refused.extend(curves.map(|curve| Refused {
@@ -26,8 +29,9 @@ pub(super) fn drop_doubtful(
             held_out_rms: curve.held_out_rms,
         }));
     }
-    drop_small(ground, floor, &known, effects, refused)?;
-    let curve = &drop_corners(ground, floor, effects, refused)?;
+    let corners = drop_corners(ground, floor, effects, refused)?;
+    let curve = &curve_with(ground, &corners)?;
+    drop_small(ground, curve, floor, &known, effects, refused)?;
     loop {
         let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         if fit_found(&ground.motion, &all)?.held_out_rms <= EXPLAINED_BELOW * floor {
@@ -66,13 +70,14 @@ pub(super) fn drop_doubtful(
         effect.held_out_rms = [before, after];
         before = after;
     }
-    Ok(())
+    Ok(corners)
 }
 
 /// While very much is left: takes back what explains but a small part of what is there without it. All at once, because what goes makes the share
 /// of what stays smaller; and no load that a curve would hold, because it is judged without one.
 fn drop_small(
     ground: &Ground,
+    curve: &[Vec<f64>],
     floor: f64,
     known: impl Fn(&Found) -> bool,
     effects: &mut Vec<NamedEffect>,
@@ -84,7 +89,7 @@ fn drop_small(
         if !is_beside_curve(found) || is_curve(found) || known(found) {
             continue;
         }
-        let errors = beside_others(ground, &ground.curve, &all, i)?;
+        let errors = beside_others(ground, curve, &all, i)?;
         if errors[1] > VERY_FAR * floor && share(errors) < SURE_VERY_FAR {
             effects.remove(i);
             refused.push(doubt(found.kind.name, errors, floor));
@@ -93,40 +98,53 @@ fn drop_small(
     Ok(())
 }
 
-/// Takes back notches that stand for a corner in a load of no name, such as a stop's, which the smooth curve of the search rounds off: in the place of
-/// the notch a corner errs less. Gives the curve that the others are judged beside, with those corners.
+/// Takes back notches that stand for a corner in a load of no name, such as a stop's, which the smooth curve of the search rounds off: a corner where the
+/// notch acts errs less than the notch. Gives the places of those corners.
 fn drop_corners(
     ground: &Ground,
     floor: f64,
     effects: &mut Vec<NamedEffect>,
     refused: &mut Vec<Refused>,
-) -> Result<Vec<Vec<f64>>, DynamicsError> {
-    let mut curve = ground.curve.clone();
-    if curve.is_empty() {
-        return Ok(curve);
+) -> Result<Vec<f64>, DynamicsError> {
+    let mut corners = Vec::new();
+    if ground.curve.is_empty() {
+        return Ok(corners);
     }
+    let mut curve = ground.curve.clone();
     for i in (0..effects.len()).rev() {
-        let mut others: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-        let with = error_beside(ground, &others, &curve)?;
-        let found = others.remove(i);
-        let &[centre, width, ..] = found.shape.as_slice() else {
-            continue;
-        };
-        if found.kind.name != "detent" || with <= EXPLAINED_BELOW * floor {
+        if !effects[i].found.kind.is(&DETENT) {
             continue;
         }
-        let mut error_at = |at: f64| {
-            curve.push(corner(ground, at)?);
-            let error = error_beside(ground, &others, &curve);
-            curve.pop();
-            error
+        let mut others: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+        let with = error_beside(ground, &others, &curve)?;
+        let notch = others.remove(i);
+        let without = error_beside(ground, &others, &curve)?;
+        if with <= EXPLAINED_BELOW * floor || without <= with {
+            continue;
+        }
+        let mut x = ground.plain_columns(&others)?;
+        x.extend_from_slice(&curve);
+        let efforts = [ground.y.clone()];
+        let problem = Problem::new(&x, &efforts, &ground.folds);
+        let error_at = |at: f64| {
+            let outcome = problem.complete(&[&corner(ground, at)?]);
+            Ok::<f64, DynamicsError>(outcome.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
         };
-        let (mut at, mut error) = (centre, error_at(centre)?);
-        let mut step = 3.0 * width;
+        let (centre, width) = (notch.shape[0], notch.shape[1]);
+        let [low, high] = ground.scope().q;
+        let reach = [
+            low.max(centre - 2.0 * width),
+            high.min(centre + 2.0 * width),
+        ];
+        let (mut at, mut step) = (centre, width);
+        let mut error = error_at(at)?;
         while step > width / 50.0 {
-            let around = [at - step, at + step];
-            for place in around {
-                let there = error_at(place)?;
+            for place in [at - step, at + step] {
+                let there = if (reach[0]..=reach[1]).contains(&place) {
+                    error_at(place)?
+                } else {
+                    f64::INFINITY
+                };
                 if there < error {
                     (at, error) = (place, there);
                 }
@@ -135,13 +153,23 @@ fn drop_corners(
         }
         if error < with {
             curve.push(corner(ground, at)?);
+            corners.push(at);
             effects.remove(i);
             refused.push(Refused {
-                name: found.kind.name,
+                name: DETENT.name,
                 reason: format!("a load of no name with a corner at {at:.3} leaves less"),
                 held_out_rms: [error, with],
             });
         }
+    }
+    Ok(corners)
+}
+
+/// The curve of the search with corners, where there is one.
+pub(super) fn curve_with(ground: &Ground, corners: &[f64]) -> Result<Vec<Vec<f64>>, DynamicsError> {
+    let mut curve = ground.curve.clone();
+    for at in corners {
+        curve.push(corner(ground, *at)?);
     }
     Ok(curve)
 }

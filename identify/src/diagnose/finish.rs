@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
-use super::doubt::{doubt, drop_doubtful, error_beside, explains_little};
+use super::doubt::{curve_with, doubt, drop_doubtful, error_beside, explains_little};
 use super::gates::{LEAST_SIZE, gives};
 use super::model::{Found, Ground, RIGID, is_known, object_of};
 use super::score::{factor, gram};
@@ -72,7 +72,6 @@ impl State {
         self.name_by_friction()?;
         let theta = self.fit()?.theta;
         self.offer_anew(theta.as_slice())?;
-        let (as_found, told) = (self.effects.clone(), self.refused.len());
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
             ambiguous.push(self.look_alikes(i)?);
@@ -104,42 +103,34 @@ impl State {
         let ground = &self.ground;
         let known = |found: &Found| leans && found.kind.name == "gravity";
         let floor = self.floor.rms;
-        drop_doubtful(ground, floor, known, &mut effects, &mut self.refused)?;
+        let corners = drop_doubtful(ground, floor, known, &mut effects, &mut self.refused)?;
         let model = fit_named(motion, &mut effects)?;
         let ordered: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
         let floor = floor_of(&self.samples, motion, &model, &ordered)?;
         self.refused
             .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
+        let mut lag_doubt = None;
         if let Some((lag, p_value)) = self.lag {
             // The others' errors are those with the lag taken out; its own are with all others in.
             let late = self.samples.with_effort_earlier(-lag);
-            let aired = self.shifted(&late)?;
-            let before = fit_found(&aired.motion, &ordered)?;
+            let mut late = self.shifted(&late)?;
+            late.active = self.ground.active;
+            let before = fit_found(&late.motion, &ordered)?;
             let held_out_rms = [before.held_out_rms, model.held_out_rms];
             // Of what free air shows there is no doubt, but it may do nothing that a name would be needed for.
             let known = p_value == 0.0;
             let sensors = self.floor.rms;
-            let beside = |ground: &Ground| error_beside(ground, &ordered, &ground.curve);
-            let errors = [beside(&aired)?, beside(&self.ground)?];
-            let is_left = model.held_out_rms > EXPLAINED_BELOW * sensors;
-            if !known && is_left && explains_little(errors, sensors) {
-                self.refused.truncate(told);
-                self.refused.push(doubt(TIME_LAG.name, errors, sensors));
-                self.shift(late)?;
-                self.lag = None;
-                self.effects = as_found;
-                // What it took the place of was not looked for.
-                self.bank.retain(|one| !one.kind.is(&TIME_LAG));
-                self.given_up.clear();
-                self.refine_all()?;
-                self.search()?;
-                return self.finish();
+            if !known && model.held_out_rms > EXPLAINED_BELOW * sensors {
+                // Beside a load of no name, as all others are judged.
+                let beside = |ground: &Ground| {
+                    error_beside(ground, &ordered, &curve_with(ground, &corners)?)
+                };
+                let errors = [beside(&late)?, beside(&self.ground)?];
+                lag_doubt =
+                    explains_little(errors, sensors).then(|| doubt(TIME_LAG.name, errors, sensors));
             }
-            let Some(time_lag) = kind("time_lag") else {
-                unreachable!("the library has a time lag")
-            };
             let effect = NamedEffect {
-                found: self.ground.found(time_lag, Vec::new(), vec![false]),
+                found: self.ground.found(&TIME_LAG, Vec::new(), vec![false]),
                 held_out_rms,
                 p_value,
                 ambiguous_with: Vec::new(),
@@ -149,7 +140,7 @@ impl State {
             let gives = |effect: &NamedEffect| gives(effect.found.kind);
             let needed = !known || held_out_rms[1] < held_out_rms[0];
             if needed && (lag.abs() > LEAST_BESIDE || !effects.iter().any(gives)) {
-                self.refused.retain(|refused| refused.name != time_lag.name);
+                self.refused.retain(|refused| refused.name != TIME_LAG.name);
                 effects.push(effect);
             }
         }
@@ -183,6 +174,7 @@ impl State {
             effects,
             refused: self.refused,
             lag_s: self.lag.map(|lag| lag.0),
+            lag_doubt,
             together: None,
             model,
             floor,
@@ -414,7 +406,7 @@ impl State {
             });
             tally[at].1[usize::from(!hides)] += 1;
         }
-        tally.retain(|(_, [hidden, seen])| *hidden > 0 && hidden >= seen);
+        tally.retain(|(_, [hidden, seen])| hidden >= seen);
         Ok(tally.into_iter().map(|(kind, _)| kind).collect())
     }
 }

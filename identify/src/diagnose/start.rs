@@ -104,7 +104,26 @@ fn searched(
     if first == First::Load {
         state.begin_with_a_load()?;
     }
-    state.complete()
+    let found = state.complete()?;
+    without_doubted_lag(found, barred, |barred| {
+        searched(samples, settings, barred, first).map(Some)
+    })
+}
+
+/// What was found, or, where a lag is in it that explains too little, what is found without one: with the samples shifted, others took a wrong place.
+fn without_doubted_lag(
+    found: Diagnosis,
+    barred: &[&'static str],
+    again: impl FnOnce(&[&'static str]) -> Result<Option<Diagnosis>, DynamicsError>,
+) -> Result<Diagnosis, DynamicsError> {
+    let Some(doubt) = found.lag_doubt.clone() else {
+        return Ok(found);
+    };
+    let Some(mut without) = shown(again(&[barred, &[TIME_LAG.name]].concat()))?.flatten() else {
+        return Ok(found);
+    };
+    without.refused.push(doubt);
+    Ok(without)
 }
 
 /// As [`searched`] from a load; nothing where none stands beside its dampers: what is then left are those dampers, and a search from anything has
@@ -122,7 +141,9 @@ fn with_a_load(
     if !state.effects.iter().any(|(found, _)| is_a_load(found)) {
         return Ok(None);
     }
-    state.complete().map(Some)
+    let found = state.complete()?;
+    let again = |barred: &[&'static str]| with_a_load(samples, settings, barred);
+    without_doubted_lag(found, barred, again).map(Some)
 }
 
 /// Whether a load presses against several dampers: a search that begins with one finds the same.
