@@ -11,7 +11,7 @@ use crate::effect::load::DETENT;
 /// too little beside all others to be sure of its name and less than what stays above the floor (curves: whatever stays), and all curves but one,
 /// because several could make up any load. Three of them do so to the floor, and are taken back whatever is left.
 ///
-/// Gives the corners that the load of no name has in the place of notches.
+/// Gives the corners that the load of no name has in the place of notches: all are judged beside them.
 pub(super) fn drop_doubtful(
     ground: &Ground,
     floor: f64,
@@ -29,7 +29,7 @@ pub(super) fn drop_doubtful(
             held_out_rms: curve.held_out_rms,
         }));
     }
-    let corners = drop_corners(ground, floor, effects, refused)?;
+    let corners = corners_of(ground, floor, effects)?;
     let curve = &curve_with(ground, &corners)?;
     drop_small(ground, curve, floor, &known, effects, refused)?;
     loop {
@@ -43,9 +43,7 @@ pub(super) fn drop_doubtful(
             let errors = beside_others(ground, curve, &all, i)?;
             let share = share(errors);
             let little = if !is_curve(found) {
-                // What explains more than all that stays above the floor is no stand-in for it.
-                let [before, after] = errors.map(|error| error.powi(2));
-                explains_little(errors, floor) && before - after < after - floor.powi(2)
+                explains_little(errors, floor)
             } else if curve.is_empty() {
                 share < SURE_CURVE
             } else {
@@ -59,8 +57,14 @@ pub(super) fn drop_doubtful(
         let Some((i, _, errors)) = least else {
             break;
         };
-        let gone = effects.remove(i);
-        refused.push(doubt(gone.found.kind.name, errors, floor));
+        let gone = effects.remove(i).found;
+        let mut doubt = doubt(gone.kind.name, errors, floor);
+        if is_curve(&gone) {
+            for at in &corners {
+                doubt.reason += &format!("; the load has a corner at {at:.3}");
+            }
+        }
+        refused.push(doubt);
     }
     let mut found: Vec<Found> = Vec::new();
     let mut before = fit_found(&ground.motion, &found)?.held_out_rms;
@@ -98,53 +102,44 @@ fn drop_small(
     Ok(())
 }
 
-/// Takes back notches that stand for a corner in a load of no name, such as a stop's, which the smooth curve of the search rounds off: a corner where the
-/// notch acts errs less than the notch. Gives the places of those corners.
-fn drop_corners(
+/// Corners of a load of no name, such as a stop's, which the smooth curve of the search rounds off: places where a notch acts and a corner in its place
+/// errs less.
+fn corners_of(
     ground: &Ground,
     floor: f64,
-    effects: &mut Vec<NamedEffect>,
-    refused: &mut Vec<Refused>,
+    effects: &[NamedEffect],
 ) -> Result<Vec<f64>, DynamicsError> {
     let mut corners = Vec::new();
     if ground.curve.is_empty() {
         return Ok(corners);
     }
-    let mut curve = ground.curve.clone();
-    for i in (0..effects.len()).rev() {
-        if !effects[i].found.kind.is(&DETENT) {
-            continue;
-        }
-        let mut others: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
-        let with = error_beside(ground, &others, &curve)?;
-        let notch = others.remove(i);
-        let without = error_beside(ground, &others, &curve)?;
+    let all: Vec<Found> = effects.iter().map(|effect| effect.found.clone()).collect();
+    for i in (0..all.len()).filter(|&i| all[i].kind.is(&DETENT)) {
+        let curve = curve_with(ground, &corners)?;
+        let [without, with] = beside_others(ground, &curve, &all, i)?;
         if with <= EXPLAINED_BELOW * floor || without <= with {
             continue;
         }
+        let mut others = all.clone();
+        let notch = others.remove(i);
         let mut x = ground.plain_columns(&others)?;
-        x.extend_from_slice(&curve);
+        x.extend(curve);
         let efforts = [ground.y.clone()];
         let problem = Problem::new(&x, &efforts, &ground.folds);
+        let (centre, width) = (notch.shape[0], notch.shape[1]);
+        let [low, high] = ground.scope().q;
+        let acts = low.max(centre - 2.0 * width)..=high.min(centre + 2.0 * width);
         let error_at = |at: f64| {
+            if !acts.contains(&at) {
+                return Ok(f64::INFINITY);
+            }
             let outcome = problem.complete(&[&corner(ground, at)?]);
             Ok::<f64, DynamicsError>(outcome.map_or(f64::INFINITY, |outcome| outcome.mse.sqrt()))
         };
-        let (centre, width) = (notch.shape[0], notch.shape[1]);
-        let [low, high] = ground.scope().q;
-        let reach = [
-            low.max(centre - 2.0 * width),
-            high.min(centre + 2.0 * width),
-        ];
-        let (mut at, mut step) = (centre, width);
-        let mut error = error_at(at)?;
+        let (mut at, mut error, mut step) = (centre, error_at(centre)?, width);
         while step > width / 50.0 {
             for place in [at - step, at + step] {
-                let there = if (reach[0]..=reach[1]).contains(&place) {
-                    error_at(place)?
-                } else {
-                    f64::INFINITY
-                };
+                let there = error_at(place)?;
                 if there < error {
                     (at, error) = (place, there);
                 }
@@ -152,14 +147,7 @@ fn drop_corners(
             step /= 1.5;
         }
         if error < with {
-            curve.push(corner(ground, at)?);
             corners.push(at);
-            effects.remove(i);
-            refused.push(Refused {
-                name: DETENT.name,
-                reason: format!("a load of no name with a corner at {at:.3} leaves less"),
-                held_out_rms: [error, with],
-            });
         }
     }
     Ok(corners)
@@ -225,10 +213,16 @@ fn share([before, after]: [f64; 2]) -> f64 {
     1.0 - (after / before).powi(2)
 }
 
-/// Whether an effect with these errors without and with it explains too little to be sure of its name while more than `floor` is left.
+/// Whether an effect with these errors without and with it explains too little to be sure of its name while more than `floor` is left. What explains
+/// more than all that stays above the floor is no stand-in for it.
 pub(super) fn explains_little(errors: [f64; 2], floor: f64) -> bool {
-    let is_far = errors[1] > FAR * floor;
-    share(errors) < if is_far { SURE_FAR } else { SURE }
+    let [before, after] = errors.map(|error| error.powi(2));
+    let sure = if errors[1] > FAR * floor {
+        SURE_FAR
+    } else {
+        SURE
+    };
+    share(errors) < sure && before - after < after - floor.powi(2)
 }
 
 /// What was named and is taken back, with its errors without and with it.

@@ -33,7 +33,8 @@ pub fn diagnose(
 ///
 /// The search adds one effect after the other, and what came first may have taken the place of others: a lag changes the samples for good, and a
 /// grasp that gives looks like one; before the load and the dampers of a closer are there, a notch seems to be. Where one of these is named and much
-/// more than noise is left, the search is made without it, too, and that which leaves less stays. Wherever much more than noise is left
+/// more than noise is left, the search is made without it, too, and that which leaves less stays; a lag that explains too little does not, whatever is
+/// left. Wherever much more than noise is left
 /// and no closer came by itself, it is also made with a load and its dampers first: a damper may have taken the place of the load, or a ripple that of a
 /// damper.
 ///
