@@ -222,9 +222,10 @@ fn confirmed_diagnosis(
         // Slips seen beside a model that was refused may be none.
         let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred)?;
         let others = others_rid_of_slips(&diagnosis, others, settings)?;
-        let known = diagnosis.refused.len();
+        let known = diagnosis.refused.clone();
         let confirmed = confirm(&mut diagnosis, &others, settings)?;
-        let mut refused: Vec<Refused> = diagnosis.refused[known..].to_vec();
+        let mut refused = diagnosis.refused.clone();
+        refused.retain(|refused| !known.contains(refused));
         // Of several dampers one may be too many; where the tool slid is in no model, confirmed or not.
         refused.retain(|refused| {
             let there = |e: &NamedEffect| e.found.kind.name == refused.name;

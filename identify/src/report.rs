@@ -372,6 +372,7 @@ impl Report {
             rank: Some(full.rank),
             structure: analysis.structure.clone(),
             named: analysis.diagnosis.as_ref().map(|diagnosis| NamedModel {
+                terms: effects::known_beside(&analysis.named.terms, &full.terms),
                 rms: analysis.named.rms,
                 relative_error: analysis.named.relative_error,
                 held_out_rms: analysis.named.held_out_rms,

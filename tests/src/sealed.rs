@@ -132,6 +132,29 @@ impl Judged {
         }
     }
 
+    /// A draw whose identification failed: nothing is named. Without a floor its effects count as large.
+    #[must_use]
+    pub fn failed(truth: &SealedTruth, seconds: f64) -> Self {
+        Self {
+            seed: truth.seed,
+            object: truth.object.clone(),
+            in_vocabulary: truth.effects.iter().all(|effect| effect.in_vocabulary),
+            moved: [f64::INFINITY; 2],
+            first_is_own: false,
+            first: None,
+            place: Place::Missed,
+            found: 0,
+            wrong: Vec::new(),
+            wrong_alone: None,
+            verdict: Verdict::NotIdentifiable,
+            floors: [f64::NAN; 2],
+            errors: [f64::NAN; 2],
+            truth: truth.effects.iter().map(|effect| effect.name).collect(),
+            named: Vec::new(),
+            seconds,
+        }
+    }
+
     /// Adds what an identification without the confirming recording named.
     #[must_use]
     pub fn with_alone(mut self, truth: &SealedTruth, report: &Report) -> Self {

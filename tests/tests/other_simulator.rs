@@ -65,6 +65,18 @@ fn table(joint: &Path, effects: &str, seed: u32, to: &Path) -> [f64; 3] {
     numbers.try_into().unwrap()
 }
 
+/// Where the rubber begins, m.
+const BUMPER_AT: f64 = 0.34;
+
+/// The first corner of a load of no name that a report tells of.
+fn corner(report: &serde_json::Value) -> Option<f64> {
+    let mut refused = report["refused"].as_array()?.iter();
+    refused.find_map(|refused| {
+        let (_, at) = refused["reason"].as_str()?.split_once("corner at ")?;
+        at.split(';').next()?.parse().ok()
+    })
+}
+
 #[test]
 fn what_another_simulator_puts_in_is_named() {
     let folder = tempdir().unwrap();
@@ -81,8 +93,8 @@ fn what_another_simulator_puts_in_is_named() {
             let [first, second] = ["first.csv", "second.csv"].map(|name| folder.path().join(name));
             let truth = table(&joint, effects, seed, &first);
             table(&joint, effects, seed + 1, &second);
-            let arguments = "table first.csv --confirm second.csv --time t --position q --effort f --kind prismatic --force --json -o out";
-            let arguments: Vec<&str> = arguments.split(' ').collect();
+            let arguments = "table first.csv --confirm second.csv --time t --position q --effort f --kind prismatic --force -o out --json";
+            let mut arguments: Vec<&str> = arguments.split(' ').collect();
             let found = programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
             let report = found.json();
             let named: Vec<&str> = report["effects"]
@@ -94,6 +106,35 @@ fn what_another_simulator_puts_in_is_named() {
             let last = &report["final"];
             let said = (named.as_slice(), last["verdict"].as_str());
             assert_eq!(said, (wanted, Some(verdict)), "{effects}, seed {seed}");
+            if effects == "bumper" {
+                let at = corner(&report).unwrap_or_else(|| panic!("seed {seed}: no corner"));
+                assert!((at - BUMPER_AT).abs() < 0.002, "seed {seed}: {at}");
+            }
+            let alone = &last["named"]["terms"];
+            let alone: Vec<&str> = alone
+                .as_array()
+                .unwrap()
+                .iter()
+                .filter_map(|term| term["name"].as_str())
+                .collect();
+            assert_eq!(alone, ["inertia", "coulomb", "viscous"]);
+            if verdict != "explained" && seed == SEEDS[0] {
+                arguments.pop();
+                let told = programs::run("ft-identify", &arguments, folder.path())
+                    .expect_code(0)
+                    .stdout;
+                assert_eq!(
+                    told.contains("with these alone: inertia "),
+                    !wanted.is_empty(),
+                    "{told}"
+                );
+                let refused = report["refused"].as_array().unwrap();
+                assert_eq!(
+                    told.contains("\nrefused    "),
+                    !refused.is_empty(),
+                    "{told}"
+                );
+            }
             if verdict != "explained" {
                 continue;
             }

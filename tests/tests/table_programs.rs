@@ -72,3 +72,18 @@ fn a_file_that_cannot_be_written_ends_the_draws_before_the_first() {
         assert!(said.contains(arguments[1]), "{said}");
     }
 }
+
+/// A tool that slides by 12 mm five times has no joint's path; nothing is named, and what was put in is missed.
+#[test]
+fn a_draw_that_cannot_be_identified_counts_as_missed() {
+    let program = env!("CARGO_BIN_EXE_sealed-table");
+    let folder = tempfile::tempdir().unwrap();
+    let tables = folder.path().join("tables.md");
+    let out = run(program, &["1", "675100044", "-o", tables.to_str().unwrap()]);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(0), "{said}");
+    assert!(said.contains("675100044: not identified"), "{said}");
+    let tables = std::fs::read_to_string(tables).unwrap();
+    let missed = "| two effects of 2 floors: both found | 0 of 1 | 0.0 % |";
+    assert!(tables.contains(missed), "{tables}");
+}

@@ -59,8 +59,8 @@ pub(super) fn drop_doubtful(
         };
         let gone = effects.remove(i).found;
         let mut doubt = doubt(gone.kind.name, errors, floor);
-        if is_curve(&gone) {
-            for at in &corners {
+        if gone.kind.is(&DETENT) {
+            for at in corners.iter().filter(|at| acts_at(&gone, **at)) {
                 doubt.reason += &format!("; the load has a corner at {at:.3}");
             }
         }
@@ -128,9 +128,8 @@ fn corners_of(
         let problem = Problem::new(&x, &efforts, &ground.folds);
         let (centre, width) = (notch.shape[0], notch.shape[1]);
         let [low, high] = ground.scope().q;
-        let acts = low.max(centre - 2.0 * width)..=high.min(centre + 2.0 * width);
         let error_at = |at: f64| {
-            if !acts.contains(&at) {
+            if !acts_at(&notch, at) || !(low..=high).contains(&at) {
                 return Ok(f64::INFINITY);
             }
             let outcome = problem.complete(&[&corner(ground, at)?]);
@@ -151,6 +150,11 @@ fn corners_of(
         }
     }
     Ok(corners)
+}
+
+/// Whether a place is one where a notch acts.
+fn acts_at(notch: &Found, at: f64) -> bool {
+    (at - notch.shape[0]).abs() <= 2.0 * notch.shape[1]
 }
 
 /// The curve of the search with corners, where there is one.
@@ -231,7 +235,7 @@ pub(super) fn doubt(name: &'static str, held_out_rms: [f64; 2], floor: f64) -> R
         name,
         reason: format!(
             "it explains {:.0} % of what is left and {:.1} noise floors stay: too little to be sure of its name",
-            100.0 * share(held_out_rms),
+            100.0 * share(held_out_rms).max(0.0),
             held_out_rms[1] / floor
         ),
         held_out_rms,

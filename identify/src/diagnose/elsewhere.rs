@@ -9,6 +9,7 @@ use super::search::Diagnosis;
 use super::shapes::{ENOUGH_AT_LAST, polished};
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Search, Unit};
+use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
 use crate::parallel::in_parallel;
 
@@ -19,6 +20,10 @@ const DATUM_STEP: f64 = 0.005;
 const DATUM_HALVINGS: usize = 5;
 /// Another zero must err so much less.
 const DATUM_BELOW: f64 = 0.995;
+/// Pads of another grip are tried at first so many times as soft and as lasting, and as little,
+const MOST_REGRIPPED: f64 = 2.0;
+/// at last less than this.
+const LEAST_REGRIPPED: f64 = 1.04;
 
 /// Error there of the model with the effects `found` and the terms `theta`, and the size of the last effect there.
 pub(super) fn error_on(
@@ -101,7 +106,15 @@ fn reshaped(
     }
     let ys = [left.to_vec()];
     let problem = Problem::new(anew, &ys, &ground.folds);
-    let grid = (found.kind.grid)(&ground.scope());
+    // As it was on the first recording, unless that tells an instant of its own, and what the kind begins with.
+    let mut shapes = found.kind.shape.iter();
+    let has_instant = shapes.any(|s| matches!(s.2, Search::Seconds(_)));
+    let mut grid = if has_instant {
+        Vec::new()
+    } else {
+        vec![found.shape.clone()]
+    };
+    grid.extend((found.kind.grid)(&ground.scope()));
     let costs = in_parallel(&grid, |shape| {
         let trial = Found {
             shape: shape.clone(),
@@ -131,6 +144,42 @@ fn reshaped(
         .into_iter()
         .next()
         .map_or_else(Vec::new, |found| found.shape))
+}
+
+/// The effects `found` with the pads of a play as the grip there has them: the gap is the object's, and what gives behind it is not.
+pub(super) fn regripped(
+    found: &[Found],
+    theta: &[f64],
+    ground: &Ground,
+    datum: f64,
+) -> Result<Vec<Found>, DynamicsError> {
+    let mut best = found.to_vec();
+    let Some(play) = found.iter().position(|found| found.kind.is(&BACKLASH)) else {
+        return Ok(best);
+    };
+    let mut least = error_on(&best, theta, ground, datum)?.0;
+    let mut factor = MOST_REGRIPPED;
+    while factor > LEAST_REGRIPPED {
+        for (pad, factor) in [
+            (1, factor),
+            (1, factor.recip()),
+            (2, factor),
+            (2, factor.recip()),
+        ] {
+            let mut trial = best.clone();
+            let shape = &mut trial[play].shape;
+            shape[pad] *= factor;
+            if let Search::Lasting(low, high) = BACKLASH.shape[pad].2 {
+                shape[pad] = shape[pad].clamp(low, high);
+            }
+            let error = error_on(&trial, theta, ground, datum)?.0;
+            if error < least {
+                (best, least) = (trial, error);
+            }
+        }
+        factor = factor.sqrt();
+    }
+    Ok(best)
 }
 
 /// Where the zero of the coordinate there lies: within 4 % of the range, where the model with the effects `found` and the terms

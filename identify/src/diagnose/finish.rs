@@ -17,7 +17,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::{Kind, kind};
-use crate::effect::load::{CONSTANT_LOAD, STRUT};
+use crate::effect::load::{CONSTANT_LOAD, SPRING, STRUT};
 use crate::effect::measurement::TIME_LAG;
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
@@ -45,6 +45,11 @@ const CONTAIN: [(&str, &str); 8] = [
 ];
 const ZONE: &str = "damping_zone";
 
+/// Whether it is one of [`ALIAS`].
+fn is_constant(kind: &Kind) -> bool {
+    kind.is(&CONSTANT_LOAD) || kind.is(&ASYMMETRIC)
+}
+
 fn are(pair: (&str, &str), a: &str, b: &str) -> bool {
     pair == (a, b) || pair == (b, a)
 }
@@ -52,6 +57,11 @@ fn are(pair: (&str, &str), a: &str, b: &str) -> bool {
 /// Whether they are play and a grasp that gives.
 fn are_crude(a: &str, b: &str) -> bool {
     are(CRUDE, a, b)
+}
+
+/// Whether `alike` is play in the place of a grasp that gives, which is play without a gap.
+pub(super) fn is_play_for_grasp(alike: &str, name: &str) -> bool {
+    CRUDE == (name, alike)
 }
 
 /// Whether no motion tells them apart, or one of them holds the other as a special case and is no cruder for it.
@@ -74,7 +84,7 @@ impl State {
         self.offer_anew(theta.as_slice())?;
         let mut ambiguous = Vec::new();
         for i in 0..self.effects.len() {
-            ambiguous.push(self.look_alikes(i)?);
+            ambiguous.push(self.look_alikes(i, theta.as_slice())?);
         }
         let leans = self.samples.aside.lean.is_some();
         let weight = self.weight()?;
@@ -189,14 +199,11 @@ impl State {
     /// named a load where the friction of one way would have to be much larger than that of the other: rubbing parts hardly do that, and weights and
     /// springs do; and a friction elsewhere.
     fn name_by_friction(&mut self) -> Result<(), DynamicsError> {
-        let is_either = |kind: &Kind| kind.is(&ASYMMETRIC) || kind.is(&CONSTANT_LOAD);
-        let either = |(found, _): &(Found, f64)| is_either(found.kind);
+        let either = |(found, _): &(Found, f64)| is_constant(found.kind);
         let Some(i) = self.effects.iter().position(either) else {
             return Ok(());
         };
-        let before = self.effects[..i].iter();
-        let own = RIGID + before.map(|(f, _)| f.terms().count()).sum::<usize>();
-        let theta = self.fit()?.theta;
+        let (theta, own) = (self.fit()?.theta, self.first_term_of(i));
         let (coulomb, size) = (theta[1], theta[own]);
         let found = &self.effects[i].0;
         let is_load = found.kind.is(&CONSTANT_LOAD);
@@ -320,8 +327,30 @@ impl State {
         Ok((moved > LEAST_SIZE * self.floor.rms).then_some(effect))
     }
 
-    /// Effects that would do nearly as well in place of effect `i`.
-    fn look_alikes(&self, i: usize) -> Result<Vec<Ambiguity>, DynamicsError> {
+    /// Where the terms of effect `i` begin in those of the model.
+    fn first_term_of(&self, i: usize) -> usize {
+        let before = self.effects[..i].iter();
+        RIGID + before.map(|(f, _)| f.terms().count()).sum::<usize>()
+    }
+
+    /// Whether effect `i` is a spring that is without force on its path or less than the length of that away: its rate alone makes the load, and
+    /// for thrift no constant is said to be a part of it. A spring that is stretched far in advance has a preload that could be anything's.
+    fn rests_near_its_path(&self, i: usize, theta: &[f64]) -> bool {
+        let found = &self.effects[i].0;
+        let beside_a_curve = !self.ground.curve.is_empty();
+        if !found.kind.is(&SPRING) || found.used.contains(&false) || beside_a_curve {
+            return false;
+        }
+        let own = self.first_term_of(i);
+        let (stiffness, preload) = (theta[own], theta[own + 1]);
+        let scope = self.ground.scope();
+        let [low, high] = scope.q;
+        let around = low - scope.range()..=high + scope.range();
+        around.contains(&(-preload / stiffness))
+    }
+
+    /// Effects that would do nearly as well in place of effect `i`; `theta` are the terms of the model.
+    fn look_alikes(&self, i: usize, theta: &[f64]) -> Result<Vec<Ambiguity>, DynamicsError> {
         let (seen, own) = self.in_place_of(i, f64::INFINITY)?;
         let Some(seen) = seen else {
             return Ok(Vec::new());
@@ -343,7 +372,7 @@ impl State {
                 seen.mse - entry.mse >= least * gain && (alias || entry.mse <= 1.15 * own)
             })
             .filter(|entry| {
-                let crude = CRUDE == (name, entry.kind.name);
+                let crude = is_play_for_grasp(entry.kind.name, name);
                 !contains(entry.kind) || crude || entry.mse < 0.95 * own
             })
             .map(|entry| ambiguity(entry.kind, Some(entry.found(&self.ground))))
@@ -354,7 +383,11 @@ impl State {
             alike.retain(|a| a.name != STRUT.name);
             alike.push(ambiguity(&STRUT, None));
         }
+        let needs_none = self.rests_near_its_path(i, theta);
         for hidden in self.hidden_in(i)? {
+            if needs_none && is_constant(hidden) {
+                continue;
+            }
             if !contains(hidden) && alike.iter().all(|a| a.name != hidden.name) {
                 alike.push(ambiguity(hidden, None));
             }

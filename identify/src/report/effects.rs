@@ -69,6 +69,8 @@ pub struct RefusedEntry {
 /// The model of the named effects, without a mechanism.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedModel {
+    /// Inertia and friction beside the named effects; what the full model does not know is `null` here too.
+    pub terms: Vec<Term>,
     /// Root mean square residual.
     pub rms: f64,
     /// Residual over effort.
@@ -77,6 +79,17 @@ pub struct NamedModel {
     pub held_out_rms: f64,
     /// Effects that hide in a parameter.
     pub aliases: Vec<Alias>,
+}
+
+/// Of the terms of the named model those of the full one, as far as that knows them.
+pub(super) fn known_beside(named: &[Term], full: &[Term]) -> Vec<Term> {
+    let both = named.iter().zip(full);
+    both.map(|(named, full)| Term {
+        value: named.value.filter(|_| full.value.is_some()),
+        std: named.std.filter(|_| full.value.is_some()),
+        ..named.clone()
+    })
+    .collect()
 }
 
 /// An effect that a parameter holds unseen, whatever the motion.

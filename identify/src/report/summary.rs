@@ -77,16 +77,7 @@ impl Report {
             );
         }
         if let Some(joint) = &self.joint_fit {
-            let terms = joint.terms.iter().filter_map(|term| {
-                let (value, std) = (term.value?, term.std?);
-                Some(format!(
-                    "{} {} {}",
-                    term.name,
-                    with_std(value, std),
-                    term.unit
-                ))
-            });
-            let terms: Vec<String> = terms.collect();
+            let terms = in_a_row(&joint.terms);
             let stands = if terms.is_empty() {
                 "no parameters"
             } else if joint.stands {
@@ -96,8 +87,7 @@ impl Report {
             };
             let _ = writeln!(
                 out,
-                "jointly    {}{stands}; error {} {unit} on held-out strokes, whose motion the wrench informs",
-                terms.join(", "),
+                "jointly    {terms}{stands}; error {} {unit} on held-out strokes, whose motion the wrench informs",
                 figure(joint.held_out_rms)
             );
         }
@@ -168,6 +158,13 @@ impl Report {
             }
             out.push('\n');
         }
+        if let Some(named) = self.last.named.as_ref().filter(|_| self.beside_mechanism()) {
+            let _ = writeln!(
+                out,
+                "           with these alone: {}",
+                in_a_row(&named.terms)
+            );
+        }
         let nothing = match self.last.named {
             Some(_) => "nothing that the library has a name for",
             None => "not looked for: a recipe is fitted as it was published",
@@ -175,7 +172,21 @@ impl Report {
         if self.effects.is_empty() && self.base.held_out_rms.is_some() {
             let _ = writeln!(out, "lacked     {nothing}");
         }
+        let is_named = |name: &str| self.effects.iter().any(|effect| effect.name == name);
+        let mut names: Vec<&str> = self.refused.iter().map(|refused| refused.name).collect();
+        names.retain(|name| !is_named(name));
+        names.sort_unstable();
+        names.dedup();
+        if !names.is_empty() {
+            let _ = writeln!(out, "refused    {}: the report says why", names.join(", "));
+        }
         out
+    }
+
+    /// Whether the numbers that stand above are those beside a mechanism of no name that says more than the named effects.
+    fn beside_mechanism(&self) -> bool {
+        let explained = self.last.verdict == Verdict::Explained;
+        !self.effects.is_empty() && self.mechanism.is_some() && !explained
     }
 
     fn joint_line(&self) -> String {
@@ -242,6 +253,20 @@ impl Report {
             }
         }
     }
+}
+
+/// The terms that are known, with their standard deviations.
+fn in_a_row(terms: &[Term]) -> String {
+    let known = terms.iter().filter_map(|term| {
+        let (value, std) = (term.value?, term.std?);
+        Some(format!(
+            "{} {} {}",
+            term.name,
+            with_std(value, std),
+            term.unit
+        ))
+    });
+    known.collect::<Vec<String>>().join(", ")
 }
 
 /// To so many digits, and zero without a sign.

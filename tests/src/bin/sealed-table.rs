@@ -184,13 +184,22 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
     };
     let main = recorded("main.mcap", &draw.main, seed)?;
     let confirm = recorded("confirm.mcap", &draw.confirm, seed + 1)?;
+    if options.keep.is_some() {
+        write(&folder.join("truth.json"), &draw.truth)?;
+    }
     let quiet = recorded("quiet.mcap", &without_noise(&draw.main), seed)?;
     #[allow(clippy::disallowed_methods, reason = "a stopwatch")]
     let started = Instant::now();
-    let found = identified(&main, (!options.alone).then_some(confirm))?;
+    let found = identified(&main, (!options.alone).then_some(confirm));
     let seconds = started.elapsed().as_secs_f64();
+    let found = match found {
+        Ok(found) => found,
+        Err(reason) => {
+            eprintln!("{seed}: {reason}");
+            return Ok(Judged::failed(&draw.truth, seconds));
+        }
+    };
     if options.keep.is_some() {
-        write(&folder.join("truth.json"), &draw.truth)?;
         write(&folder.join("report.json"), &found.report)?;
     }
     let settings = MotionSettings::default();
@@ -200,8 +209,10 @@ fn one(seed: u64, options: &Options) -> Result<Judged, String> {
         .and_then(|quiet| simulated_floor(&found, &quiet));
     let judged = Judged::of(&draw.truth, &found, floor, seconds);
     if draw.truth.effects.is_empty() && !options.alone {
-        let alone = identified(&main, None)?;
-        return Ok(judged.with_alone(&draw.truth, &alone.report));
+        match identified(&main, None) {
+            Ok(alone) => return Ok(judged.with_alone(&draw.truth, &alone.report)),
+            Err(reason) => eprintln!("{seed}, without confirmation: {reason}"),
+        }
     }
     Ok(judged)
 }

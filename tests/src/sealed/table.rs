@@ -220,8 +220,9 @@ fn confusion(judged: &[Judged], out: &mut String) {
     }
 }
 
+/// Of the values that are there: a draw whose identification failed has none.
 fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let last = sorted.len().saturating_sub(1);
     let at = (share * last as f64).round() as usize;
