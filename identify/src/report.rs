@@ -29,6 +29,8 @@ const ELSEWHERE: f64 = 3.0;
 const SMALL: f64 = 0.03;
 /// Names that leave so many noise floors are tentative.
 const TENTATIVE: f64 = 3.0;
+/// What the reason of a refusal begins with that a confirming recording gave.
+const UNCONFIRMED: &str = "not confirmed";
 
 /// Name of the schema.
 pub const SCHEMA: &str = "ft-identify/report/1";
@@ -422,6 +424,19 @@ impl Report {
             });
         }
         let left = analysis.named.held_out_rms / analysis.floor.rms;
+        let unconfirmed = self
+            .refused
+            .iter()
+            .filter(|r| r.reason.starts_with(UNCONFIRMED));
+        let mut unconfirmed: Vec<&str> = unconfirmed.map(|refused| refused.name).collect();
+        unconfirmed.dedup();
+        if !unconfirmed.is_empty() && left > TENTATIVE {
+            self.notes.push(format!(
+                "without {}, not confirmed elsewhere, {left:.0} noise floors are left here: is {} of another object, or was something changed?",
+                unconfirmed.join(", "),
+                self.input.confirm.join(" or ")
+            ));
+        }
         if self.last.verdict == Verdict::Unexplained && !self.effects.is_empty() && left > TENTATIVE
         {
             self.notes.push(format!(

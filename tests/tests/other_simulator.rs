@@ -2,7 +2,7 @@
 //! each, of which the second confirms what the first shows.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use ft_tests::{programs, workspace_root};
@@ -77,10 +77,9 @@ fn corner(report: &serde_json::Value) -> Option<f64> {
     })
 }
 
-#[test]
-fn what_another_simulator_puts_in_is_named() {
-    let folder = tempdir().unwrap();
-    let joint = folder.path().join("joint");
+/// Builds the simulator.
+fn built(folder: &Path) -> PathBuf {
+    let joint = folder.join("joint");
     let built = Command::new("cc")
         .args(["-O2", "-o"])
         .arg(&joint)
@@ -88,13 +87,45 @@ fn what_another_simulator_puts_in_is_named() {
         .arg("-lm")
         .status();
     assert!(built.unwrap().success(), "cc cannot build joint.c");
+    joint
+}
+
+/// What `ft-identify` is asked of two tables.
+const ASKED: &str = "table first.csv --confirm second.csv --time t --position q --effort f --kind prismatic --force -o out --json";
+
+#[test]
+fn an_effect_that_is_not_elsewhere_is_told_as_such() {
+    let folder = tempdir().unwrap();
+    let joint = built(folder.path());
+    table(&joint, "detent", SEEDS[0], &folder.path().join("first.csv"));
+    table(
+        &joint,
+        "none",
+        SEEDS[0] + 1,
+        &folder.path().join("second.csv"),
+    );
+    let arguments: Vec<&str> = ASKED.split(' ').collect();
+    let found = programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
+    let report = found.json();
+    assert!(report["effects"].as_array().unwrap().is_empty(), "{report}");
+    let notes = report["notes"].to_string();
+    let told = "without detent, not confirmed elsewhere";
+    assert!(
+        notes.contains(told) && notes.contains("second.csv"),
+        "{notes}"
+    );
+}
+
+#[test]
+fn what_another_simulator_puts_in_is_named() {
+    let folder = tempdir().unwrap();
+    let joint = built(folder.path());
     for Case(effects, wanted, verdict) in CASES {
         for seed in SEEDS {
             let [first, second] = ["first.csv", "second.csv"].map(|name| folder.path().join(name));
             let truth = table(&joint, effects, seed, &first);
             table(&joint, effects, seed + 1, &second);
-            let arguments = "table first.csv --confirm second.csv --time t --position q --effort f --kind prismatic --force -o out --json";
-            let mut arguments: Vec<&str> = arguments.split(' ').collect();
+            let mut arguments: Vec<&str> = ASKED.split(' ').collect();
             let found = programs::run("ft-identify", &arguments, folder.path()).expect_code(0);
             let report = found.json();
             let named: Vec<&str> = report["effects"]

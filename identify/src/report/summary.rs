@@ -46,7 +46,7 @@ impl Report {
         // Named effects that leave nothing but noise have said it all.
         let said = !self.effects.is_empty() && self.last.verdict == Verdict::Explained;
         if let Some(mechanism) = self.mechanism.as_ref().filter(|_| !said) {
-            let [low, high] = mechanism.load_range;
+            let [low, high] = mechanism.load_range.map(|load| rounded(load, 2));
             let besides = if self.effects.is_empty() {
                 ""
             } else {
@@ -158,12 +158,11 @@ impl Report {
             }
             out.push('\n');
         }
-        if let Some(named) = self.last.named.as_ref().filter(|_| self.beside_mechanism()) {
-            let _ = writeln!(
-                out,
-                "           with these alone: {}",
-                in_a_row(&named.terms)
-            );
+        let named = self.last.named.as_ref();
+        let named = named.filter(|_| self.beside_mechanism());
+        let alone = named.map_or_else(String::new, |named| in_a_row(&named.terms));
+        if !alone.is_empty() {
+            let _ = writeln!(out, "           with these alone: {alone}");
         }
         let nothing = match self.last.named {
             Some(_) => "nothing that the library has a name for",
