@@ -422,6 +422,14 @@ fn is_named(judged: &Judged, name: &str) -> bool {
     judged.named.iter().any(|named| named.0 == name)
 }
 
+/// The first strokes of a loaded drawer are so slow that the poses' noise hides the acceleration: its inertia seems to change when they get quicker.
+#[test]
+fn an_inertia_that_noise_hides_does_not_change() {
+    let drawer = Pair::of(685_100_137).judged(&[CONFIRM]);
+    assert!(!is_named(&drawer, "payload_switch"), "{drawer:?}");
+    assert!(drawer.wrong.is_empty(), "{drawer:?}");
+}
+
 /// In a closer's preload a load and a friction of one way may hide, and a lean of the door; in the weight of one that leans no magnet does, whose
 /// pull only a very wide one would not show; nor does anything hide in a spring that rests near its path.
 #[test]

@@ -18,7 +18,7 @@ use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
 use crate::effect::library::{Kind, kind};
 use crate::effect::load::{CONSTANT_LOAD, SPRING, STRUT};
-use crate::effect::measurement::TIME_LAG;
+use crate::effect::measurement::{PAYLOAD_SWITCH, TIME_LAG};
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
@@ -119,7 +119,7 @@ impl State {
         let floor = floor_of(&self.samples, motion, &model, &ordered)?;
         self.refused
             .retain(|refused| !ordered.iter().any(|found| found.kind.name == refused.name));
-        let mut lag_doubt = None;
+        let mut doubted = doubted_switch(&model, &effects);
         if let Some((lag, p_value)) = self.lag {
             // The others' errors are those with the lag taken out; its own are with all others in.
             let late = self.samples.with_effort_earlier(-lag);
@@ -136,8 +136,9 @@ impl State {
                     error_beside(ground, &ordered, &curve_with(ground, &corners)?)
                 };
                 let errors = [beside(&late)?, beside(&self.ground)?];
-                lag_doubt =
-                    explains_little(errors, sensors).then(|| doubt(TIME_LAG.name, errors, sensors));
+                if explains_little(errors, sensors) {
+                    doubted = Some(doubt(TIME_LAG.name, errors, sensors));
+                }
             }
             let effect = NamedEffect {
                 found: self.ground.found(&TIME_LAG, Vec::new(), vec![false]),
@@ -184,7 +185,7 @@ impl State {
             effects,
             refused: self.refused,
             lag_s: self.lag.map(|lag| lag.0),
-            lag_doubt,
+            doubted,
             together: None,
             model,
             floor,
@@ -442,6 +443,17 @@ impl State {
         tally.retain(|(_, [hidden, seen])| hidden >= seen);
         Ok(tally.into_iter().map(|(kind, _)| kind).collect())
     }
+}
+
+/// A switch beside which the inertia is not known: where the poses' noise hides the acceleration before or after it, inertia seems to be another one there.
+fn doubted_switch(model: &EffortModel, effects: &[NamedEffect]) -> Option<Refused> {
+    let is_hidden = model.value("inertia").is_none();
+    let mut switches = effects.iter().filter(|e| e.found.kind.is(&PAYLOAD_SWITCH));
+    switches.next().filter(|_| is_hidden).map(|switch| Refused {
+        name: PAYLOAD_SWITCH.name,
+        reason: "beside it the poses' noise hides the inertia that is said to change; move as quickly before it as after".to_owned(),
+        held_out_rms: switch.held_out_rms,
+    })
 }
 
 /// The model of what is named. What acts through the object has been made with all that the search found: it is made anew where some of that has gone.

@@ -71,8 +71,8 @@ pub struct Diagnosis {
     pub refused: Vec<Refused>,
     /// Lag of the effort that was named as an effect, s.
     pub lag_s: Option<f64>,
-    /// Why that lag is no name for what it takes away.
-    pub(super) lag_doubt: Option<Refused>,
+    /// A lag or a switch that is no name for what it takes away, and why.
+    pub(super) doubted: Option<Refused>,
     /// I, mu, b and the effects, fitted with their bounds.
     pub model: EffortModel,
     /// Of motion and dynamics together, where the model has the parameters of such a fit.

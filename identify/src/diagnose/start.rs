@@ -106,21 +106,22 @@ fn searched(
         state.begin_with_a_load()?;
     }
     let found = state.complete()?;
-    without_doubted_lag(found, barred, |barred| {
+    without_doubted(found, barred, |barred| {
         searched(samples, settings, barred, first).map(Some)
     })
 }
 
-/// What was found, or, where a lag is in it that explains too little, what is found without one: with the samples shifted, others took a wrong place.
-fn without_doubted_lag(
+/// What was found, or, where a lag is in it that explains too little or a switch of an inertia that is not known, what is found without: beside
+/// either, others took a wrong place.
+fn without_doubted(
     found: Diagnosis,
     barred: &[&'static str],
     again: impl FnOnce(&[&'static str]) -> Result<Option<Diagnosis>, DynamicsError>,
 ) -> Result<Diagnosis, DynamicsError> {
-    let Some(doubt) = found.lag_doubt.clone() else {
+    let Some(doubt) = found.doubted.clone() else {
         return Ok(found);
     };
-    let Some(mut without) = shown(again(&[barred, &[TIME_LAG.name]].concat()))?.flatten() else {
+    let Some(mut without) = shown(again(&[barred, &[doubt.name]].concat()))?.flatten() else {
         return Ok(found);
     };
     without.refused.push(doubt);
@@ -144,7 +145,7 @@ fn with_a_load(
     }
     let found = state.complete()?;
     let again = |barred: &[&'static str]| with_a_load(samples, settings, barred);
-    without_doubted_lag(found, barred, again).map(Some)
+    without_doubted(found, barred, again).map(Some)
 }
 
 /// Whether a load presses against several dampers: a search that begins with one finds the same.
