@@ -422,6 +422,24 @@ fn is_named(judged: &Judged, name: &str) -> bool {
     judged.named.iter().any(|named| named.0 == name)
 }
 
+/// A tool that slides in the first stroke, at the same time in both recordings: a friction that goes in a fifth of a second would make up for it.
+#[test]
+fn a_jolt_in_the_first_stroke_is_no_drift() {
+    let drawer = Pair::of(695_100_274).judged(&[CONFIRM]);
+    assert_eq!(drawer.truth, ["slip"]);
+    assert!(is_named(&drawer, "slip"), "{drawer:?}");
+    assert!(!is_named(&drawer, "friction_drift"), "{drawer:?}");
+}
+
+/// While the spring of an oven's door is missing its magnet takes up what it can of it, and reaches farther for that.
+#[test]
+fn a_magnet_that_reaches_too_far_makes_no_notch() {
+    let oven = Pair::of(695_100_168).judged(&[CONFIRM]);
+    assert!(is_named(&oven, "catch"), "{oven:?}");
+    assert!(!is_named(&oven, "detent"), "{oven:?}");
+    assert_eq!(oven.verdict, Verdict::Explained, "{oven:?}");
+}
+
 /// The first strokes of a loaded drawer are so slow that the poses' noise hides the acceleration: its inertia seems to change when they get quicker.
 #[test]
 fn an_inertia_that_noise_hides_does_not_change() {

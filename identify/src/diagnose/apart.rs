@@ -64,7 +64,7 @@ pub(super) fn tell_apart<'a>(
                 diagnosis.refused.retain(|refused| refused.name != one.name);
                 diagnosis.refused.push(Refused {
                     name,
-                    reason: "not confirmed: in the mean over all recordings a grasp that gives errs no more"
+                    reason: "a grasp that gives errs no more in the mean over all recordings"
                         .to_owned(),
                     held_out_rms: [its[0], own[0]],
                 });

@@ -53,6 +53,10 @@ impl Free {
             }
             Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
             Search::Lasting(low, high) => (true, 1.0, [low, high]),
+            Search::Duration(low, high) => {
+                let whole = scope.duration();
+                (true, 1.0, [low * whole, high * whole])
+            }
         };
         Some(Self {
             effect,

@@ -12,6 +12,7 @@ use super::shapes::{ENOUGH, ENOUGH_AT_LAST, moments, polished};
 use super::start::UNASKED;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search};
+use crate::effect::load::{CATCH, DETENT};
 use crate::effect::measurement::GRASP_COMPLIANCE;
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
@@ -373,12 +374,67 @@ impl State {
     /// Takes loads that do no better than a simpler one for that: a drift that does not drift, and a constant and a weight that a spring does
     /// as well as, where nothing but the effort tells of the weight.
     pub(super) fn simplify_loads(&mut self) -> Result<(), DynamicsError> {
+        self.magnet_for_notch()?;
         self.unless_needed(&["sensor_drift"], "constant_load")?;
         let aside = &self.samples.aside;
         if !aside.lies && aside.lean.is_none() {
             self.unless_needed(&["constant_load", "gravity"], "spring")?;
         }
         Ok(())
+    }
+
+    /// Takes the notch nearest to a magnet for a magnet of another reach, where that does as well: the magnet's was found while other loads were
+    /// missing, which it took up with its tail, and from there no polish leads back.
+    fn magnet_for_notch(&mut self) -> Result<(), DynamicsError> {
+        let there = |kind: &'static Kind| {
+            let effects = self.effects.iter().enumerate();
+            effects.filter(|(_, (found, _))| found.kind.is(kind))
+        };
+        let far = |i: usize| self.effects[i].0.shape[0];
+        let notches = there(&DETENT).map(|(i, _)| i);
+        let nearest = notches.min_by(|&a, &b| far(a).total_cmp(&far(b)));
+        let (Some(notch), Some((magnet, _))) = (nearest, there(&CATCH).next()) else {
+            return Ok(());
+        };
+        if !self.ground.curve.is_empty() {
+            return Ok(());
+        }
+        let (as_was, with) = (self.effects.clone(), self.error_with_signs()?);
+        let (gone, _) = self.effects.remove(notch);
+        let magnet = magnet - usize::from(notch < magnet);
+        let without = self.effects.clone();
+        let mut least = self.price(gone.kind.freedom_of(&gone.used) as f64) * with;
+        let mut best = None;
+        let magnets = self
+            .bank
+            .iter()
+            .filter(|candidate| candidate.kind.is(&CATCH));
+        let shapes: Vec<Vec<f64>> = magnets.map(|magnet| magnet.shape.clone()).collect();
+        for shape in shapes {
+            self.effects.clone_from(&without);
+            self.effects[magnet].0.shape = shape;
+            self.polish()?;
+            let error = self.error_with_signs()?;
+            if error < least {
+                least = error;
+                best = Some(self.effects.clone());
+            }
+        }
+        if best.is_some() {
+            self.refused.push(Refused {
+                name: gone.kind.name,
+                reason: "a magnet of another reach does as well without it".to_owned(),
+                held_out_rms: [least, with],
+            });
+        }
+        self.effects = best.unwrap_or(as_was);
+        Ok(())
+    }
+
+    /// So many times as much may a model err that has so many numbers less.
+    fn price(&self, spared: f64) -> f64 {
+        let independent = 0.5 * self.ground.y.len() as f64;
+        (0.5 * spared * independent.ln() / independent).exp()
     }
 
     /// Puts one effect in the place of several, when the numbers that this spares are worth what it errs more.
@@ -401,8 +457,7 @@ impl State {
         let simple = self
             .ground
             .found(candidate.kind, candidate.shape.clone(), used);
-        let independent = 0.5 * self.ground.y.len() as f64;
-        let price = (0.5 * spared * independent.ln() / independent).exp();
+        let price = self.price(spared);
         let (as_was, before) = (self.effects.clone(), self.error_with_signs()?);
         self.effects[places[0]].0 = simple;
         let mut place = 0..;

@@ -134,6 +134,8 @@ pub enum Search {
     Between(f64, f64),
     /// Between so many seconds.
     Lasting(f64, f64),
+    /// Between these shares of the recording's duration.
+    Duration(f64, f64),
     /// As many times as large as the effect's one term says, until that is near 1: alone either does as well.
     ByShare,
 }
