@@ -53,10 +53,7 @@ impl Free {
             }
             Search::Between(low, high) => (true, 1.0, [low * range, high * range]),
             Search::Lasting(low, high) => (true, 1.0, [low, high]),
-            Search::Duration(low, high) => {
-                let whole = scope.duration();
-                (true, 1.0, [low * whole, high * whole])
-            }
+            Search::Drift => (true, 1.0, drift_limits(scope.duration())),
         };
         Some(Self {
             effect,
@@ -108,11 +105,35 @@ impl Free {
         [low.clamp(-most, 0.0), high.clamp(0.0, most)]
     }
 
+    /// The parameter a small step from `at`: to the other side where `at` is at the limit, or as near to it or beyond as rounding takes it.
+    fn nearby(&self, at: f64) -> f64 {
+        let small = self.small();
+        let moved = self.moved(at, small);
+        if self.step_to(at, moved) < 0.5 * small {
+            return self.moved(at, -small);
+        }
+        moved
+    }
+
     /// A step that changes the regressors little.
     fn small(&self) -> f64 {
         if self.by_factor { 0.02 } else { 4e-3 }
     }
 }
+
+/// How long a drift takes in a recording of `whole` s: from so long that several strokes see it go to what is as good as a straight line, s.
+fn drift_limits(whole: f64) -> [f64; 2] {
+    [
+        (SHORTEST_DRIFT * whole).min(FEW_STROKES_S),
+        LONGEST_DRIFT * whole,
+    ]
+}
+
+/// As shares of the recording.
+const SHORTEST_DRIFT: f64 = 0.07;
+const LONGEST_DRIFT: f64 = 10.0;
+/// In a long recording several strokes see what takes this long, s.
+const FEW_STROKES_S: f64 = 5.0;
 
 /// The free shapes of effects.
 pub(super) fn free_of(scope: &Scope<'_>, effects: &[Found]) -> Vec<Free> {
@@ -328,10 +349,7 @@ pub(super) fn moves(
     let each = in_parallel(free, |parameter| {
         let mut found = effects[parameter.effect].clone();
         let at = found.shape[parameter.shape];
-        let mut moved = parameter.moved(at, parameter.small());
-        if moved == at {
-            moved = parameter.moved(at, -parameter.small());
-        }
+        let moved = parameter.nearby(at);
         let step = parameter.step_to(at, moved);
         found.shape[parameter.shape] = moved;
         let terms = &theta[starts[parameter.effect]..];
@@ -393,4 +411,32 @@ fn stepped(
         *shape = parameter.moved(*shape, step[linear + k]);
     }
     Trial::with(ground, beside, effects)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Free;
+
+    #[test]
+    fn a_slope_is_taken_over_a_whole_step_at_a_limit_too() {
+        let [low, high] = [4.2, 600.0_f64];
+        let free = Free {
+            effect: 0,
+            shape: 0,
+            by_factor: true,
+            unit: 1.0,
+            limits: [low, high],
+        };
+        for at in [
+            low,
+            high,
+            high.next_up(),
+            high.next_down(),
+            3.0 * high,
+            60.0,
+        ] {
+            let step = free.step_to(at, free.nearby(at)).abs();
+            assert!(step > 0.5 * free.small(), "{at}: {step}");
+        }
+    }
 }

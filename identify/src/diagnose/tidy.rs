@@ -12,7 +12,7 @@ use super::shapes::{ENOUGH, ENOUGH_AT_LAST, moments, polished};
 use super::start::UNASKED;
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Kind, Search};
-use crate::effect::load::{CATCH, DETENT};
+use crate::effect::load::{CATCH, DETENT, FARTHEST_REACH};
 use crate::effect::measurement::GRASP_COMPLIANCE;
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
@@ -371,8 +371,8 @@ impl State {
         Ok((seen, own))
     }
 
-    /// Takes loads that do no better than a simpler one for that: a drift that does not drift, and a constant and a weight that a spring does
-    /// as well as, where nothing but the effort tells of the weight.
+    /// Takes loads that do no better than a simpler one for that: a notch where the magnet does, a drift that does not drift, and a constant and a
+    /// weight that a spring does as well as, where nothing but the effort tells of the weight.
     pub(super) fn simplify_loads(&mut self) -> Result<(), DynamicsError> {
         self.magnet_for_notch()?;
         self.unless_needed(&["sensor_drift"], "constant_load")?;
@@ -383,51 +383,56 @@ impl State {
         Ok(())
     }
 
-    /// Takes the notch nearest to a magnet for a magnet of another reach, where that does as well: the magnet's was found while other loads were
+    /// Takes a notch where a magnet may reach for a magnet of another reach, where that does as well: the magnet's was found while other loads were
     /// missing, which it took up with its tail, and from there no polish leads back.
     fn magnet_for_notch(&mut self) -> Result<(), DynamicsError> {
-        let there = |kind: &'static Kind| {
-            let effects = self.effects.iter().enumerate();
-            effects.filter(|(_, (found, _))| found.kind.is(kind))
-        };
-        let far = |i: usize| self.effects[i].0.shape[0];
-        let notches = there(&DETENT).map(|(i, _)| i);
-        let nearest = notches.min_by(|&a, &b| far(a).total_cmp(&far(b)));
-        let (Some(notch), Some((magnet, _))) = (nearest, there(&CATCH).next()) else {
+        let numbered = || self.effects.iter().map(|(found, _)| found).enumerate();
+        let Some((magnet, closed)) = numbered()
+            .find(|(_, found)| found.kind.is(&CATCH))
+            .map(|(i, found)| (i, found.shape[0]))
+        else {
             return Ok(());
         };
-        if !self.ground.curve.is_empty() {
+        let farthest = closed + FARTHEST_REACH * self.ground.scope().range();
+        let notch = numbered().find(|(_, found)| {
+            found.kind.is(&DETENT) && found.shape[0] - found.shape[1] < farthest
+        });
+        let with = self.error_with_signs()?;
+        let (Some((notch, _)), true, true) =
+            (notch, self.ground.curve.is_empty(), with.is_finite())
+        else {
             return Ok(());
-        }
-        let (as_was, with) = (self.effects.clone(), self.error_with_signs()?);
+        };
+        let as_was = self.effects.clone();
         let (gone, _) = self.effects.remove(notch);
         let magnet = magnet - usize::from(notch < magnet);
         let without = self.effects.clone();
         let mut least = self.price(gone.kind.freedom_of(&gone.used) as f64) * with;
         let mut best = None;
-        let magnets = self
-            .bank
-            .iter()
-            .filter(|candidate| candidate.kind.is(&CATCH));
+        let magnets = self.bank.iter().filter(|one| one.kind.is(&CATCH));
         let shapes: Vec<Vec<f64>> = magnets.map(|magnet| magnet.shape.clone()).collect();
         for shape in shapes {
             self.effects.clone_from(&without);
             self.effects[magnet].0.shape = shape;
             self.polish()?;
             let error = self.error_with_signs()?;
-            if error < least {
+            if error < least && self.holds(magnet)? {
                 least = error;
                 best = Some(self.effects.clone());
             }
         }
-        if best.is_some() {
-            self.refused.push(Refused {
-                name: gone.kind.name,
-                reason: "a magnet of another reach does as well without it".to_owned(),
-                held_out_rms: [least, with],
-            });
-        }
-        self.effects = best.unwrap_or(as_was);
+        let Some(best) = best else {
+            self.effects = as_was;
+            return Ok(());
+        };
+        self.effects = best;
+        self.unless_worse(|state| state.polish_until(ENOUGH_AT_LAST))?;
+        self.refused.retain(|old| old.name != gone.kind.name);
+        self.refused.push(Refused {
+            name: gone.kind.name,
+            reason: "with a magnet of another reach the model does as well without it".to_owned(),
+            held_out_rms: [least, with],
+        });
         Ok(())
     }
 

@@ -153,11 +153,11 @@ pub const DRIFT: Kind = Kind {
     belongs: Belongs::Recording,
     equation: "tau = extra sgn(dq) exp(-t / time); coulomb is that at the end",
     terms: &[("extra", Unit::Effort, Free)],
-    shape: &[("time", Unit::Time, Search::Duration(DRIFTS.0, DRIFTS.1))],
+    shape: &[("time", Unit::Time, Search::Drift)],
     variable: Variable::Time,
     grid: |scope| {
         let duration = scope.duration();
-        geometric(DRIFTS.0 * duration, DRIFTS.1 * duration, 8)
+        geometric(0.07 * duration, 10.0 * duration, 8)
             .into_iter()
             .map(|time| vec![time])
             .collect()
@@ -178,9 +178,6 @@ pub const DRIFT: Kind = Kind {
     at: None,
     separate: "the same slow strokes at the beginning and at the end",
 };
-
-/// A drift lasts from this to this share of the recording: a shorter one is a jolt of the first stroke, a longer one a straight line.
-const DRIFTS: (f64, f64) = (0.07, 10.0);
 
 fn sign(dq: f64) -> f64 {
     if dq == 0.0 { 0.0 } else { dq.signum() }

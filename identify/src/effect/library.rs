@@ -134,8 +134,8 @@ pub enum Search {
     Between(f64, f64),
     /// Between so many seconds.
     Lasting(f64, f64),
-    /// Between these shares of the recording's duration.
-    Duration(f64, f64),
+    /// Between a few strokes and several times the recording: a shorter one is a jolt of the first stroke.
+    Drift,
     /// As many times as large as the effect's one term says, until that is near 1: alone either does as well.
     ByShare,
 }

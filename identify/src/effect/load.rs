@@ -192,6 +192,9 @@ fn pull(shape: &[f64], q: f64) -> f64 {
     }
 }
 
+/// A magnet reaches at most so far, as a share of the range.
+pub(crate) const FARTHEST_REACH: f64 = 0.15;
+
 /// `tau = pull exp(-(q - closed) / reach)` or `pull / (1 + (q - closed) / reach)^2`, `pull >= 0`: a magnet or a gasket at the
 /// closed end. Its reach is at most 15 % of the range: what reaches farther is a spring.
 pub const CATCH: Kind = Kind {
@@ -201,7 +204,11 @@ pub const CATCH: Kind = Kind {
     terms: &[("pull", Unit::Effort, NonNegative)],
     shape: &[
         ("closed", Unit::Position, Search::Fixed),
-        ("reach", Unit::Position, Search::Between(0.005, 0.15)),
+        (
+            "reach",
+            Unit::Position,
+            Search::Between(0.005, FARTHEST_REACH),
+        ),
         ("inverse_square", Unit::One, Search::Form),
     ],
     variable: Variable::Q,

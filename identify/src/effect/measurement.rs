@@ -60,11 +60,10 @@ pub const SENSOR_DRIFT: Kind = Kind {
     belongs: Belongs::Recording,
     equation: "tau = start + rise (1 - exp(-t / time)) / (1 - exp(-whole / time)), whole = the recording's length",
     terms: &[("rise", Unit::Effort, Free), ("start", Unit::Effort, Free)],
-    shape: &[("time", Unit::Time, Search::Duration(DRIFTS.0, DRIFTS.1))],
+    shape: &[("time", Unit::Time, Search::Drift)],
     variable: Variable::Time,
     grid: |scope| {
-        let duration = scope.duration();
-        geometric(DRIFTS.0 * duration, DRIFTS.1 * duration, 5)
+        geometric(0.15 * scope.duration(), 10.0 * scope.duration(), 5)
             .into_iter()
             .map(|time| vec![time])
             .collect()
@@ -82,9 +81,6 @@ pub const SENSOR_DRIFT: Kind = Kind {
     at: None,
     separate: "free air before the grasp and after the release",
 };
-
-/// A drift lasts from this to this share of the recording: a shorter one is a jolt at the start, a longer one a straight line.
-const DRIFTS: (f64, f64) = (0.15, 10.0);
 
 /// A mass that was put on the tool after the free air: to a held object it is inertia and weight, so that free air after the
 /// release alone shows it ([`crate::payload::Payload::after_release`]). Taken out of the effort, no regressor.
