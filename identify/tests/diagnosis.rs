@@ -572,6 +572,23 @@ fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
     assert!((coulomb - 1.8).abs() < 0.05, "{coulomb}");
 }
 
+/// A hinge that has warmed up before the other recording shows no drift there, however much better it is foretold with the friction that is left then.
+#[test]
+fn a_drift_that_the_other_recording_does_not_have_is_not_confirmed_by_its_friction() {
+    let warming = |t: f64, _: f64, dq: f64, _: f64| 1.5 * (-t / 12.0).exp() * dq.signum();
+    let settings = MotionSettings::default();
+    let here = Drawer::with(warming).record(60.0, 5);
+    let found = || diagnose(&here, &settings).unwrap();
+    assert_eq!(names(&found()), ["friction_drift"]);
+    let cold = Drawer::with(warming).record(60.0, 6);
+    let warm = Drawer::with(|_, _, _, _| 0.0).record(60.0, 6);
+    for (other, is_there) in [(cold, true), (warm, false)] {
+        let mut found = found();
+        confirm(&mut found, &[("b.csv".to_owned(), other)], &settings).unwrap();
+        assert_eq!(!names(&found).is_empty(), is_there, "{}", told(&found));
+    }
+}
+
 /// Nor is one of them named at random: a load where the friction one way would be several times that of the other, friction elsewhere.
 #[test]
 fn a_load_and_a_friction_that_differs_by_direction_are_not_told_apart() {

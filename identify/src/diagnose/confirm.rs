@@ -384,11 +384,18 @@ fn holds(
     all.push(tested.clone());
     let model = fit_found(&diagnosis.motion, &all)?;
     let without = fit_found(&diagnosis.motion, &others)?;
-    let (before, _) = error_on(&others, without.theta.as_slice(), ground, datum)?;
+    let (mut before, _) = error_on(&others, without.theta.as_slice(), ground, datum)?;
     let (after, size) = error_on(&all, model.theta.as_slice(), ground, datum)?;
+    let (rest, theta) = model
+        .theta
+        .as_slice()
+        .split_at(model.theta.len() - tested.terms().count());
+    if tested.kind.belongs == Belongs::Recording {
+        // That the object's terms are right with it here is no sign that it is there.
+        before = before.min(error_on(&others, rest, ground, datum)?.0);
+    }
     let gain = before * before - after * after;
     let here = (without.held_out_rms.powi(2) - model.held_out_rms.powi(2)).max(0.0);
-    let theta = &model.theta.as_slice()[model.theta.len() - tested.terms().count()..];
     let size_here = contribution(&diagnosis.motion, &tested, theta)?;
     let expected = here * (size / size_here.max(1e-12)).powi(2).min(1.0);
     // Its size and its moment are free there, and little is expected of a small one: it must show.

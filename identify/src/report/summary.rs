@@ -318,13 +318,21 @@ fn shape_of(effect: &EffectEntry, kind: JointKind, range: [f64; 2]) -> String {
         let [from, to] = [from.min(to), from.max(to)].map(|q| q.clamp(range[0], range[1]));
         said.push(stretch([from, to], kind));
     }
-    // Of a notch or friction at a place, a magnet, and a wave.
-    for (name, word) in [("centre", "at"), ("reach", "reaching"), ("pitch", "every")] {
+    // Of a notch or friction at a place, a magnet, a wave, a drift, and a change.
+    for (name, word) in [
+        ("centre", "at"),
+        ("reach", "reaching"),
+        ("pitch", "every"),
+        ("time", "in"),
+        ("at", "from"),
+    ] {
         let term = effect.terms.iter().find(|term| term.name == name);
-        let Some((length, std)) = term.and_then(|term| Some((term.value?, term.std))) else {
+        let Some((term, length)) = term.and_then(|term| Some((term, term.value?))) else {
             continue;
         };
+        let std = term.std;
         let (per_unit, unit, digits) = match kind {
+            _ if term.unit == "s" => (1.0, "s", 1),
             JointKind::Revolute => (1_f64.to_degrees(), "deg", 2),
             JointKind::Prismatic => (1e3, "mm", 1),
         };
@@ -521,6 +529,14 @@ mod tests {
             ("gap", 0.002, Some(0.0001), "m"),
         ];
         assert_eq!(line(&play, 1), " (gap 0.001800 ± 0.000090 m)");
+        let drift = [
+            ("extra", 2.0, Some(0.1), "N"),
+            ("time", 20.0, Some(0.5), "s"),
+        ];
+        let said = " (extra 2.00 ± 0.10 N, in 20.00 ± 0.50 s)";
+        assert_eq!(line(&drift, 1), said);
+        let switch = [("inertia", 2.0, Some(0.1), "kg"), ("at", 23.3, None, "s")];
+        assert_eq!(line(&switch, 1), " (inertia 2.00 ± 0.10 kg, from 23.3 s)");
         assert_eq!(line(&[], 0), "");
         let catch = [
             ("pull", 1.0, Some(0.1), "N m"),
