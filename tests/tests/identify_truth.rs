@@ -441,7 +441,9 @@ fn a_magnet_that_reaches_too_far_makes_no_notch() {
         assert_eq!(oven.truth, ["ripple"]);
         assert!(is_named(&oven, "catch"), "{oven:?}");
         assert!(is_named(&oven, "spring"), "{oven:?}");
+        assert!(!is_named(&oven, "detent"), "{oven:?}");
         assert!(oven.wrong.is_empty(), "{oven:?}");
+        assert_eq!(oven.verdict, Verdict::Explained, "{oven:?}");
     }
     let mut draw = SealedDraw::draw(695_100_216, &SealedOptions::default()).unwrap();
     for effect in [&mut draw.main, &mut draw.confirm]
