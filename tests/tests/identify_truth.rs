@@ -460,6 +460,18 @@ fn a_magnet_that_reaches_too_far_makes_no_notch() {
     assert!(is_named(&oven, "catch"), "{oven:?}");
 }
 
+/// The valve of a strong closer opens in every quick stroke: without one none of its dampers helps on held-out strokes.
+#[test]
+fn a_closer_whose_valve_opens_in_every_quick_stroke_is_found() {
+    let door = Pair::of(715_100_157).judged(&[CONFIRM]);
+    assert_eq!(door.truth, ["payload_switch"]);
+    for name in ["spring", "damping_zone", "payload_switch"] {
+        assert!(is_named(&door, name), "{name}: {door:?}");
+    }
+    assert!(door.wrong.is_empty(), "{door:?}");
+    assert_eq!(door.verdict, Verdict::Explained, "{door:?}");
+}
+
 /// The first strokes of a loaded drawer are so slow that the poses' noise hides the acceleration: its inertia seems to change when they get quicker.
 #[test]
 fn an_inertia_that_noise_hides_does_not_change() {

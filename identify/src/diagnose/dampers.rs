@@ -2,7 +2,7 @@
 //! other, and what the first takes up of the next stands in its way.
 
 use super::gates::most_of;
-use super::model::{Candidate, Found, is_smooth_load};
+use super::model::{Candidate, Found, candidates, is_smooth_load};
 use super::scan::{LEVELS, WORSE};
 use super::score::Problem;
 use super::search::{MUCH, RIVAL_BELOW, State};
@@ -10,6 +10,7 @@ use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};
 use crate::effect::library::{Kind, Search};
+use crate::motion::MotionError;
 use crate::parallel::in_parallel;
 
 /// Whether it slows more at some places or one way.
@@ -20,7 +21,34 @@ pub(super) fn is_damper(kind: &Kind) -> bool {
 /// What ends so near the end of the range, as a share of it, or within an edge more, counts as reaching it.
 const NEAR_END: f64 = 0.05;
 
+/// Shares of the greatest speed at which the valves of [`State::valved`] open.
+const OPENS_AT: [f64; 2] = [0.4, 0.2];
+
 impl State {
+    /// Dampers of one way with a valve, which the library's grid does not have, up to an end of the range or over all of it: the valve of a strong
+    /// closer opens in every quick stroke, and none of its dampers helps on held-out strokes without one.
+    pub(super) fn valved(&self) -> Result<Vec<Candidate>, MotionError> {
+        let scope = self.ground.scope();
+        let ([low, high], range) = (scope.q, scope.range());
+        let mut shapes = (ZONE.grid)(&scope);
+        shapes.retain(|shape| shape[2] != 0.0 && (shape[0] < low || shape[1] > high));
+        shapes.extend([-1.0, 1.0].map(|way| {
+            let [from, to] = [low - range, high + range];
+            vec![from, to, way, EDGE * range, scope.fastest()]
+        }));
+        let points: Vec<(&'static Kind, Vec<f64>)> = shapes
+            .iter()
+            .flat_map(|shape| {
+                OPENS_AT.map(|share| {
+                    let mut shape = shape.clone();
+                    shape[4] *= share;
+                    (&ZONE, shape)
+                })
+            })
+            .collect();
+        candidates(&self.ground, &points)
+    }
+
     /// Lays dampers side by side, two at a time, where the model with the signs of physics then errs less: they were found one after the other,
     /// and the first took up what it could of the second.
     pub(super) fn part(&mut self) -> Result<(), DynamicsError> {

@@ -475,7 +475,15 @@ pub(super) fn grid_points(
                 .map(move |shape| (kind, shape))
         })
         .collect();
-    let made = in_parallel(&points, |(kind, shape)| {
+    candidates(ground, &points)
+}
+
+/// Kinds of these shapes, with their filtered columns; what does nothing on the motion is left out.
+pub(super) fn candidates(
+    ground: &Ground,
+    points: &[(&'static Kind, Vec<f64>)],
+) -> Result<Vec<Candidate>, MotionError> {
+    let made = in_parallel(points, |(kind, shape)| {
         let columns = ground.columns_of(kind, shape)?;
         let all_finite = columns.iter().flatten().all(|v| v.is_finite());
         let moves = columns.first().is_some_and(|column| rms(column) > 1e-12);

@@ -5,6 +5,7 @@ use super::dampers::is_damper;
 use super::model::{Candidate, Found, is_known, is_smooth_load};
 use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
 use crate::dynamics::DynamicsError;
+use crate::effect::damping::ZONE;
 use crate::effect::library::Kind;
 use crate::effect::load::{CATCH, CONSTANT_LOAD, DETENT, SPRING};
 use crate::effect::measurement::TIME_LAG;
@@ -205,6 +206,10 @@ impl State {
         }
         let damper = |candidate: &mut Candidate| is_damper(candidate.kind);
         self.bank.extend(others.extract_if(.., damper));
+        if self.bank.iter().any(|one| one.kind.is(&ZONE)) {
+            let valved = self.valved()?;
+            self.bank.extend(valved);
+        }
         for _ in 0..MOST_EFFECTS {
             if self.effects.len() >= MOST_EFFECTS || !self.add_named()? {
                 break;
