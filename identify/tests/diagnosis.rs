@@ -572,7 +572,8 @@ fn friction_that_falls_all_along_is_counted_from_the_end_of_the_recording() {
     assert!((coulomb - 1.8).abs() < 0.05, "{coulomb}");
 }
 
-/// A hinge that has warmed up before the other recording shows no drift there, however much better it is foretold with the friction that is left then.
+/// A hinge that has warmed up before the other recording shows no drift there, however much better it is foretold with the friction that is left
+/// then, and whatever its friction is that day; one that warms up then, too, does, on a day of more friction as well.
 #[test]
 fn a_drift_that_the_other_recording_does_not_have_is_not_confirmed_by_its_friction() {
     let warming = |t: f64, _: f64, dq: f64, _: f64| 1.5 * (-t / 12.0).exp() * dq.signum();
@@ -582,7 +583,17 @@ fn a_drift_that_the_other_recording_does_not_have_is_not_confirmed_by_its_fricti
     assert_eq!(names(&found()), ["friction_drift"]);
     let cold = Drawer::with(warming).record(60.0, 6);
     let warm = Drawer::with(|_, _, _, _| 0.0).record(60.0, 6);
-    for (other, is_there) in [(cold, true), (warm, false)] {
+    let more = |_: f64, _: f64, dq: f64, _: f64| 0.7 * dq.signum();
+    let cold_with_more =
+        Drawer::with(move |t, q, dq, ddq| warming(t, q, dq, ddq) + more(t, q, dq, ddq))
+            .record(60.0, 6);
+    let warm_with_more = Drawer::with(more).record(60.0, 6);
+    for (other, is_there) in [
+        (cold, true),
+        (warm, false),
+        (cold_with_more, true),
+        (warm_with_more, false),
+    ] {
         let mut found = found();
         confirm(&mut found, &[("b.csv".to_owned(), other)], &settings).unwrap();
         assert_eq!(!names(&found).is_empty(), is_there, "{}", told(&found));

@@ -3,7 +3,7 @@
 //! The lag is fitted anew there and judged on its held-out strokes; all else by the errors of [`super::elsewhere`].
 
 use super::apart::tell_apart;
-use super::elsewhere::{datum, error_on};
+use super::elsewhere::{datum, error_beside_rigid, error_on};
 use super::model::{Found, Ground, is_known};
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::{DynamicsError, EffortModel};
@@ -384,15 +384,19 @@ fn holds(
     all.push(tested.clone());
     let model = fit_found(&diagnosis.motion, &all)?;
     let without = fit_found(&diagnosis.motion, &others)?;
-    let (mut before, _) = error_on(&others, without.theta.as_slice(), ground, datum)?;
-    let (after, size) = error_on(&all, model.theta.as_slice(), ground, datum)?;
+    let error_there = match tested.kind.belongs {
+        Belongs::Recording => error_beside_rigid,
+        Belongs::Object => error_on,
+    };
+    let (mut before, _) = error_there(&others, without.theta.as_slice(), ground, datum)?;
+    let (after, size) = error_there(&all, model.theta.as_slice(), ground, datum)?;
     let (rest, theta) = model
         .theta
         .as_slice()
         .split_at(model.theta.len() - tested.terms().count());
     if tested.kind.belongs == Belongs::Recording {
         // That the object's terms are right with it here is no sign that it is there.
-        before = before.min(error_on(&others, rest, ground, datum)?.0);
+        before = before.min(error_there(&others, rest, ground, datum)?.0);
     }
     let gain = before * before - after * after;
     let here = (without.held_out_rms.powi(2) - model.held_out_rms.powi(2)).max(0.0);

@@ -26,7 +26,7 @@ const OPENS_AT: [f64; 2] = [0.4, 0.2];
 
 impl State {
     /// Dampers of one way with a valve, which the library's grid does not have, up to an end of the range or over all of it: the valve of a strong
-    /// closer opens in every quick stroke, and none of its dampers helps on held-out strokes without one.
+    /// closer opens in every quick stroke, and none of its dampers helps on held-out strokes without one. For [`Self::without_valves`].
     pub(super) fn valved(&self) -> Result<Vec<Candidate>, MotionError> {
         let scope = self.ground.scope();
         let ([low, high], range) = (scope.q, scope.range());
@@ -47,6 +47,13 @@ impl State {
             })
             .collect();
         candidates(&self.ground, &points)
+    }
+
+    /// Takes what [`Self::valved`] made out of the bank.
+    pub(super) fn without_valves(&mut self) {
+        let fastest = self.ground.scope().fastest();
+        let closed = |one: &Candidate| !one.kind.is(&ZONE) || one.shape[4] >= fastest;
+        self.bank.retain(closed);
     }
 
     /// Lays dampers side by side, two at a time, where the model with the signs of physics then errs less: they were found one after the other,

@@ -32,6 +32,27 @@ pub(super) fn error_on(
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
+    error_with(found, theta, ground, datum, &[])
+}
+
+/// The same with inertia and friction fitted anew, too: what only makes up for another level of these there is no gain.
+pub(super) fn error_beside_rigid(
+    found: &[Found],
+    theta: &[f64],
+    ground: &Ground,
+    datum: f64,
+) -> Result<(f64, f64), DynamicsError> {
+    error_with(found, theta, ground, datum, &ground.base)
+}
+
+/// The same with the columns `free` fitted anew, too.
+fn error_with(
+    found: &[Found],
+    theta: &[f64],
+    ground: &Ground,
+    datum: f64,
+    free: &[Vec<f64>],
+) -> Result<(f64, f64), DynamicsError> {
     let mut theta = theta.iter();
     let mut left = ground.y.clone();
     for (column, theta) in ground.base.iter().zip(theta.by_ref()) {
@@ -39,7 +60,7 @@ pub(super) fn error_on(
             *left -= theta * value;
         }
     }
-    let mut anew: Vec<Vec<f64>> = Vec::new();
+    let mut anew = free.to_vec();
     let mut size = 0.0;
     let of_each: Vec<Vec<f64>> = found
         .iter()

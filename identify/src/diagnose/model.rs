@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::score::{Folds, solve};
 use super::shapes::{Free, free_of};
 use crate::effect::axis::FARTHEST;
+use crate::effect::damping::is_everywhere;
 use crate::effect::library::{Kind, LIBRARY, Object, OfState, Scope, Unit};
 use crate::effect::measurement::PAYLOAD_SWITCH;
 use crate::effect::{Column, Effect, RigidBody};
@@ -541,13 +542,23 @@ pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
 /// Whether the friction beside the candidate keeps its sign: what resists one way only must not be made up of a friction that
 /// drives the other way. And whether what moves after a change of the inertia still has one. `rest` = estimates of the current model's
 /// columns.
-pub(super) fn rigid_body_holds(ground: &Ground, kind: &Kind, theta: &[f64], rest: &[f64]) -> bool {
+pub(super) fn rigid_body_holds(
+    ground: &Ground,
+    candidate: &Candidate,
+    theta: &[f64],
+    rest: &[f64],
+) -> bool {
     let inertia = if ground.active[0] { rest.first() } else { None };
-    let at = match kind.name {
+    let viscous = ground.active[2].then_some(usize::from(ground.active[0]) + 1);
+    let at = match candidate.kind.name {
         "payload_switch" => return inertia.unwrap_or(&0.0) + theta[0] > 0.0,
-        "asymmetric_coulomb" => usize::from(ground.active[0]),
-        "asymmetric_viscous" if ground.active[2] => usize::from(ground.active[0]) + 1,
-        _ => return true,
+        "asymmetric_coulomb" => Some(usize::from(ground.active[0])),
+        "asymmetric_viscous" => viscous,
+        "damping_zone" if is_everywhere(&candidate.shape, &ground.scope()) => viscous,
+        _ => None,
+    };
+    let Some(at) = at else {
+        return true;
     };
     rest.get(at)
         .is_none_or(|friction| *friction > -0.1 * theta[0])

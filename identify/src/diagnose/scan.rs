@@ -114,11 +114,11 @@ fn score_all(
     before: &[f64],
     blocks: &[f64],
 ) -> Scored {
-    let (used, outcomes) = outcomes(problem, &candidate.columns(), before.len())?;
+    let (used, outcomes) = outcomes(problem, candidate.kind, &candidate.columns(), before.len())?;
     let scored = |k: usize| {
         let (theta, rest) = (&outcomes[k].theta, &outcomes[k].rest);
         let holds = signs_hold(candidate.kind, &used, theta)
-            && rigid_body_holds(ground, candidate.kind, theta, rest);
+            && rigid_body_holds(ground, candidate, theta, rest);
         let score = evidence(problem, candidate.kind, &used, before[k], outcomes[k].mse);
         if holds { score } else { 0.0 }
     };
@@ -138,9 +138,10 @@ fn score_all(
     Some(((score > 0.0).then_some(own), others))
 }
 
-/// With all terms, or with one left out that the model has already.
+/// With all terms, or with one left out that the model has already; a valve without what lies beyond it would open at a speed that nothing pays for.
 fn outcomes(
     problem: &Problem<'_>,
+    kind: &Kind,
     columns: &[Vec<f64>],
     efforts: usize,
 ) -> Option<(Vec<bool>, Vec<super::score::Outcome>)> {
@@ -151,7 +152,8 @@ fn outcomes(
         Some((used, problem.with(&some, efforts)?))
     };
     try_with(there.clone()).or_else(|| {
-        let several = there.iter().filter(|there| **there).count() > 1;
+        let valve = kind.shape.iter().any(|of| of.2 == Search::Below);
+        let several = !valve && there.iter().filter(|there| **there).count() > 1;
         (0..there.len())
             .rev()
             .filter(|&out| several && there[out])
@@ -208,7 +210,7 @@ fn refine(
     let mut least = f64::NEG_INFINITY;
     let mut consider = |best: &mut Ranked, shape: Vec<f64>| -> Result<(), MotionError> {
         let columns = ground.columns_of(kind, &shape)?;
-        let Some((used, outcomes)) = outcomes(problem, &columns, 1) else {
+        let Some((used, outcomes)) = outcomes(problem, kind, &columns, 1) else {
             return Ok(());
         };
         let own = &outcomes[0];
@@ -236,7 +238,7 @@ fn refine(
     {
         for level in LEVELS {
             let mut shape = start.shape.clone();
-            shape[k] *= level;
+            shape[k] = level * ground.scope().fastest();
             consider(&mut best, shape)?;
         }
     }

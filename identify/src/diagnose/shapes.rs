@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::model::{Columns, Found, Ground, signs_hold};
 use super::score::{factor, gram};
-use crate::effect::library::{Kind, Scope, Search, Shape};
+use crate::effect::library::{Kind, LONGEST_DRIFT, SHORTEST_DRIFT, Scope, Search, Shape};
 use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel;
 use crate::products::{combine, dot};
@@ -129,9 +129,6 @@ fn drift_limits(whole: f64) -> [f64; 2] {
     ]
 }
 
-/// As shares of the recording.
-const SHORTEST_DRIFT: f64 = 0.07;
-const LONGEST_DRIFT: f64 = 10.0;
 /// In a long recording several strokes see what takes this long, s.
 const FEW_STROKES_S: f64 = 5.0;
 

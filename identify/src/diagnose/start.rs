@@ -191,8 +191,8 @@ impl State {
     }
 
     /// Begins with a load over the whole range, the best that passes or a spring, which must stand beside what comes after it, and with the dampers
-    /// that it presses against: before they are there a notch seems to be where the damper of a closer ends. What chance gives is asked of these
-    /// kinds alone.
+    /// that it presses against, some with a valve that is open in quick strokes: before they are there a notch seems to be where the damper of a
+    /// closer ends. What chance gives is asked of these kinds alone.
     fn begin_with_a_load(&mut self) -> Result<(), DynamicsError> {
         let other = |candidate: &mut Candidate| !is_smooth_load(candidate.kind);
         let mut others: Vec<Candidate> = self.bank.extract_if(.., other).collect();
@@ -215,6 +215,7 @@ impl State {
                 break;
             }
         }
+        self.without_valves();
         // Beside others they may come again.
         self.given_up.clear();
         self.refused.clear();

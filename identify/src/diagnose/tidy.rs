@@ -394,15 +394,24 @@ impl State {
             return Ok(());
         };
         let farthest = closed + FARTHEST_REACH * self.ground.scope().range();
-        let notch = numbered().find(|(_, found)| {
+        let near = numbered().filter(|(_, found)| {
             found.kind.is(&DETENT) && found.shape[0] - found.shape[1] < farthest
         });
+        let notches: Vec<usize> = near.map(|(i, _)| i).collect();
+        for notch in notches {
+            if self.ground.curve.is_empty() && self.is_of_magnet(notch, magnet)? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a magnet of another reach took the place of a notch and a magnet.
+    fn is_of_magnet(&mut self, notch: usize, magnet: usize) -> Result<bool, DynamicsError> {
         let with = self.error_with_signs()?;
-        let (Some((notch, _)), true, true) =
-            (notch, self.ground.curve.is_empty(), with.is_finite())
-        else {
-            return Ok(());
-        };
+        if !with.is_finite() {
+            return Ok(false);
+        }
         let as_was = self.effects.clone();
         let (gone, _) = self.effects.remove(notch);
         let magnet = magnet - usize::from(notch < magnet);
@@ -423,17 +432,18 @@ impl State {
         }
         let Some(best) = best else {
             self.effects = as_was;
-            return Ok(());
+            return Ok(false);
         };
         self.effects = best;
         self.unless_worse(|state| state.polish_until(ENOUGH_AT_LAST))?;
+        let left = self.error_with_signs()?;
         self.refused.retain(|old| old.name != gone.kind.name);
         self.refused.push(Refused {
             name: gone.kind.name,
             reason: "with a magnet of another reach the model does as well without it".to_owned(),
-            held_out_rms: [least, with],
+            held_out_rms: [left, with],
         });
-        Ok(())
+        Ok(true)
     }
 
     /// So many times as much may a model err that has so many numbers less.

@@ -1,6 +1,6 @@
 //! Efforts that grow with speed beyond the viscous friction of the base.
 
-use super::library::{Belongs, Kind, Search, Unit, Variable};
+use super::library::{Belongs, Kind, Scope, Search, Unit, Variable};
 use crate::least_squares::Bound::NonNegative;
 
 /// Share of the range over which a zone begins and ends, to start with.
@@ -15,6 +15,11 @@ fn inside(shape: &[f64]) -> impl Fn(f64) -> f64 + use<> {
         u * u * (3.0 - 2.0 * u)
     };
     move |q| step(q - from) * step(to - q)
+}
+
+/// Whether a zone of this shape is all of the range.
+pub(crate) fn is_everywhere(shape: &[f64], scope: &Scope<'_>) -> bool {
+    shape[0].min(shape[1]) < scope.q[0] && shape[0].max(shape[1]) > scope.q[1]
 }
 
 /// 1 where the motion goes the way of `direction` (1 opening, -1 closing, 0 both).
@@ -65,7 +70,7 @@ pub const ZONE: Kind = Kind {
         let mut out = Vec::new();
         for from in 0..9 {
             for to in from + 1..=9 {
-                // A zone that reaches an end of the range goes on behind it; all of the range is no zone.
+                // A zone that reaches an end of the range goes on behind it; all of the range, without a valve, is no zone.
                 if from == 0 && to == 9 {
                     continue;
                 }

@@ -1,6 +1,8 @@
 //! Dry friction beyond one constant.
 
-use super::library::{Belongs, Kind, Scope, Search, Unit, Variable, even, geometric};
+use super::library::{
+    Belongs, Kind, LONGEST_DRIFT, SHORTEST_DRIFT, Scope, Search, Unit, Variable, even, geometric,
+};
 use crate::least_squares::Bound::{Free, NonNegative};
 use crate::samples::quantile;
 
@@ -157,7 +159,7 @@ pub const DRIFT: Kind = Kind {
     variable: Variable::Time,
     grid: |scope| {
         let duration = scope.duration();
-        geometric(0.07 * duration, 10.0 * duration, 8)
+        geometric(SHORTEST_DRIFT * duration, LONGEST_DRIFT * duration, 8)
             .into_iter()
             .map(|time| vec![time])
             .collect()

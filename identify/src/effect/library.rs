@@ -140,6 +140,10 @@ pub enum Search {
     ByShare,
 }
 
+/// How long a drift takes at least and at most, as shares of the recording.
+pub(crate) const SHORTEST_DRIFT: f64 = 0.07;
+pub(crate) const LONGEST_DRIFT: f64 = 10.0;
+
 /// A shape parameter: name, unit, refinement.
 pub type Shape = (&'static str, Unit, Search);
 /// A linear term: name, unit, sign.

@@ -1,6 +1,6 @@
 //! Effects of the measurement: time, sensor, load, grasp.
 
-use super::library::{Belongs, Kind, Search, Unit, Variable, even, geometric};
+use super::library::{Belongs, Kind, LONGEST_DRIFT, Search, Unit, Variable, even, geometric};
 use super::memory;
 use crate::least_squares::Bound::{Free, NonNegative};
 use crate::least_squares::rms;
@@ -63,7 +63,7 @@ pub const SENSOR_DRIFT: Kind = Kind {
     shape: &[("time", Unit::Time, Search::Drift)],
     variable: Variable::Time,
     grid: |scope| {
-        geometric(0.15 * scope.duration(), 10.0 * scope.duration(), 5)
+        geometric(0.15 * scope.duration(), LONGEST_DRIFT * scope.duration(), 5)
             .into_iter()
             .map(|time| vec![time])
             .collect()
