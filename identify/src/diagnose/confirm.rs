@@ -3,12 +3,14 @@
 //! The lag is fitted anew there and judged on its held-out strokes; all else by the errors of [`super::elsewhere`].
 
 use super::apart::tell_apart;
-use super::elsewhere::{datum, error_beside_rigid, error_on};
-use super::model::{Found, Ground, is_known};
+use super::elsewhere::{datum, error_for, error_on};
+use super::model::{Found, Ground, is_known, is_of_time};
+use super::score::rms_beside;
 use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::library::{Belongs, kind};
 use crate::effect::slip::SLIP;
+use crate::effect::{Effect, RigidBody};
 use crate::least_squares::{FitError, rms};
 use crate::motion::{Motion, MotionSettings};
 use crate::payload::is_seen;
@@ -158,10 +160,12 @@ pub fn confirm(
                 continue;
             }
             let columns = with_columns(diagnosis, count).unwrap_or_default();
-            pairs.push([
-                with(columns, ground, datum)?,
-                with(columns + 1, ground, datum)?,
-            ]);
+            let mut pair = [0.0; 2];
+            for (error, count) in pair.iter_mut().zip([columns, columns + 1]) {
+                let (kind, found) = (all[columns].kind, &all[..count]);
+                (*error, _) = error_for(kind, found, &theta[count], ground, datum)?;
+            }
+            pairs.push(pair);
         }
         let last = with(all.len(), ground, datum)?;
         // A recording that does not show all effects apart by itself says nothing of the inertia.
@@ -384,19 +388,17 @@ fn holds(
     all.push(tested.clone());
     let model = fit_found(&diagnosis.motion, &all)?;
     let without = fit_found(&diagnosis.motion, &others)?;
-    let error_there = match tested.kind.belongs {
-        Belongs::Recording => error_beside_rigid,
-        Belongs::Object => error_on,
-    };
-    let (mut before, _) = error_there(&others, without.theta.as_slice(), ground, datum)?;
-    let (after, size) = error_there(&all, model.theta.as_slice(), ground, datum)?;
+    let error_there =
+        |found: &[Found], theta: &[f64]| error_for(tested.kind, found, theta, ground, datum);
+    let (mut before, _) = error_there(&others, without.theta.as_slice())?;
+    let (after, size) = error_there(&all, model.theta.as_slice())?;
     let (rest, theta) = model
         .theta
         .as_slice()
         .split_at(model.theta.len() - tested.terms().count());
     if tested.kind.belongs == Belongs::Recording {
         // That the object's terms are right with it here is no sign that it is there.
-        before = before.min(error_there(&others, rest, ground, datum)?.0);
+        before = before.min(error_there(&others, rest)?.0);
     }
     let gain = before * before - after * after;
     let here = (without.held_out_rms.powi(2) - model.held_out_rms.powi(2)).max(0.0);
@@ -423,6 +425,7 @@ pub(super) fn with_columns(diagnosis: &Diagnosis, at: usize) -> Option<usize> {
     })
 }
 
+/// What `found` moves on a motion, rms; where it changes in the course of it, what inertia and friction leave of that.
 fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, DynamicsError> {
     let mut sum = vec![0.0; motion.kept.len()];
     for (series, theta) in found.series(motion).iter().zip(theta) {
@@ -430,5 +433,10 @@ fn contribution(motion: &Motion, found: &Found, theta: &[f64]) -> Result<f64, Dy
             *sum += theta * value;
         }
     }
-    Ok(rms(&sum))
+    let mut rigid = Vec::new();
+    if is_of_time(found.kind) {
+        let columns = RigidBody.columns(motion)?.into_iter();
+        rigid.extend(columns.map(|column| column.values));
+    }
+    Ok(rms_beside(&rigid, &sum))
 }

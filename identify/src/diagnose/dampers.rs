@@ -26,7 +26,7 @@ const OPENS_AT: [f64; 2] = [0.4, 0.2];
 
 impl State {
     /// Dampers of one way with a valve, which the library's grid does not have, up to an end of the range or over all of it: the valve of a strong
-    /// closer opens in every quick stroke, and none of its dampers helps on held-out strokes without one. For [`Self::without_valves`].
+    /// closer opens in every quick stroke, and none of its dampers helps on held-out strokes without one. To be taken out again by [`Self::without_valves`].
     pub(super) fn valved(&self) -> Result<Vec<Candidate>, MotionError> {
         let scope = self.ground.scope();
         let ([low, high], range) = (scope.q, scope.range());

@@ -1,14 +1,15 @@
 //! The error of a model on another recording of the same object than the one that it was fitted to.
 //!
 //! Inertia, friction and the object's effects keep their numbers; what belongs to a recording (bias, preload, drift, the time of a
-//! switch) is fitted anew, and so is the zero of the coordinate, which each recording chooses for itself.
+//! switch) is fitted anew, and so is the zero of the coordinate, which each recording chooses for itself. Whether something changes in the course of a
+//! recording is asked beside the inertia and the friction of that day.
 
-use super::model::{Found, Ground};
-use super::score::Problem;
+use super::model::{Found, Ground, is_of_time};
+use super::score::{Problem, rms_beside};
 use super::search::Diagnosis;
 use super::shapes::{ENOUGH_AT_LAST, polished};
 use crate::dynamics::DynamicsError;
-use crate::effect::library::{Belongs, Search, Unit};
+use crate::effect::library::{Belongs, Kind, Search, Unit};
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
 use crate::parallel::in_parallel;
@@ -32,26 +33,33 @@ pub(super) fn error_on(
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
-    error_with(found, theta, ground, datum, &[])
+    error_beside(&[], found, theta, ground, datum)
 }
 
-/// The same with inertia and friction fitted anew, too: what only makes up for another level of these there is no gain.
-pub(super) fn error_beside_rigid(
+/// The same where the question is whether `kind` is there, beside all else: where that changes in the course of a recording, inertia and friction are
+/// fitted anew, too, as what makes up for another level of these is no change; its size is what these leave of it.
+pub(super) fn error_for(
+    kind: &Kind,
     found: &[Found],
     theta: &[f64],
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
-    error_with(found, theta, ground, datum, &ground.base)
+    let free = if is_of_time(kind) {
+        &ground.base[..]
+    } else {
+        &[]
+    };
+    error_beside(free, found, theta, ground, datum)
 }
 
 /// The same with the columns `free` fitted anew, too.
-fn error_with(
+fn error_beside(
+    free: &[Vec<f64>],
     found: &[Found],
     theta: &[f64],
     ground: &Ground,
     datum: f64,
-    free: &[Vec<f64>],
 ) -> Result<(f64, f64), DynamicsError> {
     let mut theta = theta.iter();
     let mut left = ground.y.clone();
@@ -101,7 +109,7 @@ fn error_with(
             }
         }
         if i + 1 == found.len() {
-            size = rms(&sum);
+            size = rms_beside(free, &sum);
         }
     }
     if anew.is_empty() {

@@ -452,7 +452,11 @@ impl Candidate {
     }
 }
 
-/// What needs a motion that comes to the same places again.
+/// What changes in the course of a recording: it needs a motion that comes to the same places again.
+pub(super) fn is_of_time(kind: &Kind) -> bool {
+    OF_TIME.contains(&kind.name)
+}
+
 const OF_TIME: [&str; 3] = ["sensor_drift", "friction_drift", "payload_switch"];
 
 /// All grid points of the library on a motion that may show them.
@@ -469,7 +473,7 @@ pub(super) fn grid_points(
     let shows_time = ground.motion.shows_time();
     let points: Vec<(&'static Kind, Vec<f64>)> = LIBRARY
         .into_iter()
-        .filter(|kind| of(kind) && (shows_time || !OF_TIME.contains(&kind.name)))
+        .filter(|kind| of(kind) && (shows_time || !is_of_time(kind)))
         .flat_map(|kind| {
             (kind.grid)(&scope)
                 .into_iter()
@@ -539,29 +543,42 @@ pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
         })
 }
 
-/// Whether the friction beside the candidate keeps its sign: what resists one way only must not be made up of a friction that
-/// drives the other way. And whether what moves after a change of the inertia still has one. `rest` = estimates of the current model's
-/// columns.
-pub(super) fn rigid_body_holds(
-    ground: &Ground,
-    candidate: &Candidate,
-    theta: &[f64],
-    rest: &[f64],
-) -> bool {
-    let inertia = if ground.active[0] { rest.first() } else { None };
-    let viscous = ground.active[2].then_some(usize::from(ground.active[0]) + 1);
-    let at = match candidate.kind.name {
-        "payload_switch" => return inertia.unwrap_or(&0.0) + theta[0] > 0.0,
-        "asymmetric_coulomb" => Some(usize::from(ground.active[0])),
-        "asymmetric_viscous" => viscous,
-        "damping_zone" if is_everywhere(&candidate.shape, &ground.scope()) => viscous,
-        _ => None,
-    };
-    let Some(at) = at else {
-        return true;
-    };
-    rest.get(at)
-        .is_none_or(|friction| *friction > -0.1 * theta[0])
+/// What the model's own estimates keep beside a candidate of one term.
+pub(super) enum Keeps {
+    Nothing,
+    /// What moves after a change of the inertia still has one; the place of the inertia among the model's columns.
+    Inertia(Option<usize>),
+    /// The friction at this place of the model's columns keeps its sign: what resists one way only must not be made up of a friction that drives the
+    /// other way.
+    Friction(usize),
+}
+
+impl Keeps {
+    pub(super) fn of(ground: &Ground, kind: &Kind, shape: &[f64]) -> Self {
+        let [inertia, _, viscous] = ground.active;
+        let coulomb = usize::from(inertia);
+        match kind.name {
+            "payload_switch" => Self::Inertia(inertia.then_some(0)),
+            "asymmetric_coulomb" => Self::Friction(coulomb),
+            "asymmetric_viscous" if viscous => Self::Friction(coulomb + 1),
+            "damping_zone" if viscous && is_everywhere(shape, &ground.scope()) => {
+                Self::Friction(coulomb + 1)
+            }
+            _ => Self::Nothing,
+        }
+    }
+
+    /// Whether that holds; `theta` = estimates of the candidate, `rest` = of the current model's columns.
+    pub(super) fn hold(&self, theta: &[f64], rest: &[f64]) -> bool {
+        match self {
+            Self::Nothing => true,
+            Self::Inertia(at) => at.and_then(|at| rest.get(at)).unwrap_or(&0.0) + theta[0] > 0.0,
+            Self::Friction(at) => {
+                let friction = rest.get(*at);
+                friction.is_none_or(|friction| *friction > -0.1 * theta[0])
+            }
+        }
+    }
 }
 
 /// Terms without a unit scale a regressor that is complete by itself.

@@ -1,7 +1,7 @@
 //! One look through the library: every candidate beside the current model, the best refined, with what chance would give.
 
 use super::gates::limit;
-use super::model::{Candidate, Found, Ground, rigid_body_holds, signs_hold};
+use super::model::{Candidate, Found, Ground, Keeps, signs_hold};
 use super::score::Problem;
 use super::shapes::{ENOUGH, moments, polished};
 use crate::effect::library::{Belongs, Kind, Search, Shape};
@@ -115,10 +115,10 @@ fn score_all(
     blocks: &[f64],
 ) -> Scored {
     let (used, outcomes) = outcomes(problem, candidate.kind, &candidate.columns(), before.len())?;
+    let keeps = Keeps::of(ground, candidate.kind, &candidate.shape);
     let scored = |k: usize| {
         let (theta, rest) = (&outcomes[k].theta, &outcomes[k].rest);
-        let holds = signs_hold(candidate.kind, &used, theta)
-            && rigid_body_holds(ground, candidate, theta, rest);
+        let holds = signs_hold(candidate.kind, &used, theta) && keeps.hold(theta, rest);
         let score = evidence(problem, candidate.kind, &used, before[k], outcomes[k].mse);
         if holds { score } else { 0.0 }
     };
@@ -138,7 +138,8 @@ fn score_all(
     Some(((score > 0.0).then_some(own), others))
 }
 
-/// With all terms, or with one left out that the model has already; a valve without what lies beyond it would open at a speed that nothing pays for.
+/// With all terms, or with one left out that the model has already; of what has a valve none is, as one without what lies beyond it would open at a
+/// speed that nothing pays for.
 fn outcomes(
     problem: &Problem<'_>,
     kind: &Kind,
@@ -146,6 +147,10 @@ fn outcomes(
     efforts: usize,
 ) -> Option<(Vec<bool>, Vec<super::score::Outcome>)> {
     let there: Vec<bool> = columns.iter().map(|column| rms(column) > 1e-12).collect();
+    // A moment after the last sample.
+    if !there.contains(&true) {
+        return None;
+    }
     let try_with = |used: Vec<bool>| {
         let some = columns.iter().zip(&used).filter(|(_, used)| **used);
         let some: Vec<&[f64]> = some.map(|(column, _)| column.as_slice()).collect();
@@ -215,7 +220,9 @@ fn refine(
         };
         let own = &outcomes[0];
         let within = evidence(problem, kind, &used, before, own.fit);
-        if signs_hold(kind, &used, &own.theta) && within > least && own.mse < WORSE * start.mse {
+        let holds = signs_hold(kind, &used, &own.theta)
+            && Keeps::of(ground, kind, &shape).hold(&own.theta, &own.rest);
+        if holds && within > least && own.mse < WORSE * start.mse {
             least = within;
             *best = Ranked {
                 kind,

@@ -3,6 +3,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
+use crate::least_squares::rms;
 use crate::products::{Table, dot, in_vectors};
 
 /// Blocks of strokes that are held out in turn: fold of each sample, and their number.
@@ -340,6 +341,17 @@ pub(super) fn factor(gram: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
 pub(super) fn solve(x: &[Vec<f64>], y: &[f64]) -> Option<Vec<f64>> {
     let right = DVector::from_fn(x.len(), |i, _| dot(&x[i], y));
     Some(factor(&gram(x))?.solve(&right).as_slice().to_vec())
+}
+
+/// What least squares on `x` leaves of `y`, rms.
+pub(super) fn rms_beside(x: &[Vec<f64>], y: &[f64]) -> f64 {
+    let mut left = y.to_vec();
+    for (column, theta) in x.iter().zip(solve(x, y).into_iter().flatten()) {
+        for (left, value) in left.iter_mut().zip(column) {
+            *left -= theta * value;
+        }
+    }
+    rms(&left)
 }
 
 /// The normal matrix of least squares on `x`.

@@ -386,6 +386,9 @@ impl State {
     /// Takes a notch where a magnet may reach for a magnet of another reach, where that does as well: the magnet's was found while other loads were
     /// missing, which it took up with its tail, and from there no polish leads back.
     fn magnet_for_notch(&mut self) -> Result<(), DynamicsError> {
+        if !self.ground.curve.is_empty() {
+            return Ok(());
+        }
         let numbered = || self.effects.iter().map(|(found, _)| found).enumerate();
         let Some((magnet, closed)) = numbered()
             .find(|(_, found)| found.kind.is(&CATCH))
@@ -399,15 +402,15 @@ impl State {
         });
         let notches: Vec<usize> = near.map(|(i, _)| i).collect();
         for notch in notches {
-            if self.ground.curve.is_empty() && self.is_of_magnet(notch, magnet)? {
+            if self.took_for_magnet(notch, magnet)? {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Whether a magnet of another reach took the place of a notch and a magnet.
-    fn is_of_magnet(&mut self, notch: usize, magnet: usize) -> Result<bool, DynamicsError> {
+    /// Whether a magnet of another reach took the places of a notch and a magnet.
+    fn took_for_magnet(&mut self, notch: usize, magnet: usize) -> Result<bool, DynamicsError> {
         let with = self.error_with_signs()?;
         if !with.is_finite() {
             return Ok(false);
@@ -434,14 +437,19 @@ impl State {
             self.effects = as_was;
             return Ok(false);
         };
-        self.effects = best;
-        self.unless_worse(|state| state.polish_until(ENOUGH_AT_LAST))?;
-        let left = self.error_with_signs()?;
+        self.effects.clone_from(&best);
+        self.polish_until(ENOUGH_AT_LAST)?;
+        let polished = self.error_with_signs()?;
+        if polished < least {
+            least = polished;
+        } else {
+            self.effects = best;
+        }
         self.refused.retain(|old| old.name != gone.kind.name);
         self.refused.push(Refused {
             name: gone.kind.name,
             reason: "with a magnet of another reach the model does as well without it".to_owned(),
-            held_out_rms: [left, with],
+            held_out_rms: [least, with],
         });
         Ok(true)
     }

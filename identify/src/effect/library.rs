@@ -140,7 +140,7 @@ pub enum Search {
     ByShare,
 }
 
-/// How long a drift takes at least and at most, as shares of the recording.
+/// How long a drift takes at least, where the recording is short, and at most, as shares of the recording.
 pub(crate) const SHORTEST_DRIFT: f64 = 0.07;
 pub(crate) const LONGEST_DRIFT: f64 = 10.0;
 
