@@ -121,6 +121,8 @@ pub fn confirm(
                 ),
                 held_out_rms: gone.held_out_rms,
             });
+            // Those before it may have helped beside it alone.
+            at = 0;
         } else {
             at += 1;
         }

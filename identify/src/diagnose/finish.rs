@@ -13,6 +13,7 @@ use super::search::{
     Ambiguity, Diagnosis, NamedEffect, RIVAL_BELOW, Refused, State, fit_found, floor_of,
 };
 use super::shapes::ENOUGH_AT_LAST;
+use super::start::CameTo;
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::friction::ASYMMETRIC;
@@ -71,7 +72,7 @@ pub(super) fn are_of_one_class(a: &str, b: &str) -> bool {
 }
 
 impl State {
-    pub(super) fn finish(mut self) -> Result<Diagnosis, DynamicsError> {
+    pub(super) fn finish(mut self, came_to: CameTo) -> Result<Diagnosis, DynamicsError> {
         self.unless_worse(|state| state.polish_until(ENOUGH_AT_LAST))?;
         let (as_was, before) = (self.effects.clone(), self.fit()?.held_out_rms);
         self.simplify()?;
@@ -186,6 +187,7 @@ impl State {
             refused: self.refused,
             lag_s: self.lag.map(|lag| lag.0),
             doubted,
+            came_to,
             together: None,
             model,
             floor,

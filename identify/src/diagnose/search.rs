@@ -12,6 +12,7 @@ use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_lo
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
+use super::start::CameTo;
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{
     DynamicsError, EffortModel, JointFit, fit_columns, fit_parametric, fit_with_mechanism,
@@ -73,6 +74,7 @@ pub struct Diagnosis {
     pub lag_s: Option<f64>,
     /// A lag or a switch that is no name for what it takes away, and why.
     pub(super) doubted: Option<Refused>,
+    pub(super) came_to: CameTo,
     /// I, mu, b and the effects, fitted with their bounds.
     pub model: EffortModel,
     /// Of motion and dynamics together, where the model has the parameters of such a fit.
@@ -329,20 +331,23 @@ impl State {
         let Some((x, seen)) = self.survey()? else {
             return Ok(false);
         };
-        let choice = self.next(&seen);
-        if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
-            return Ok(true);
+        loop {
+            let choice = self.next(&seen);
+            if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
+                return Ok(true);
+            }
+            let Some((choice, p_value)) = choice else {
+                return Ok(false);
+            };
+            if choice.kind.name == "time_lag" {
+                self.take_lag(&choice, p_value)?;
+                self.tidy()?;
+                return Ok(true);
+            }
+            if self.add(&choice, p_value, &seen)? {
+                return Ok(true);
+            }
         }
-        let Some((choice, p_value)) = choice else {
-            return Ok(false);
-        };
-        if choice.kind.name == "time_lag" {
-            self.take_lag(&choice, p_value)?;
-            self.tidy()?;
-        } else {
-            self.add(&choice, p_value, &seen)?;
-        }
-        Ok(true)
     }
 
     /// As [`State::step`] of what the library has a name for; there is no lag in the bank.
@@ -350,11 +355,12 @@ impl State {
         let Some((_, seen)) = self.survey()? else {
             return Ok(false);
         };
-        let Some((choice, p_value)) = self.next(&seen) else {
-            return Ok(false);
-        };
-        self.add(&choice, p_value, &seen)?;
-        Ok(true)
+        while let Some((choice, p_value)) = self.next(&seen) {
+            if self.add(&choice, p_value, &seen)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// What comes next of what passes, and how often chance gives as much.
@@ -362,18 +368,42 @@ impl State {
         self.weight_of_what_lies(seen).or_else(|| self.choose(seen))
     }
 
-    /// Adds the choice or what does better in its place.
-    fn add(&mut self, choice: &Ranked, p_value: f64, seen: &Look) -> Result<(), DynamicsError> {
-        let (before, error) = (self.names(), self.error()?);
-        let as_was = self.effects.clone();
+    /// Adds the choice or what does better in its place. Where it goes again and takes others with it, which would come back beside the next, all is as
+    /// it was and the choice is given up: then nothing has changed.
+    fn add(&mut self, choice: &Ranked, p_value: f64, seen: &Look) -> Result<bool, DynamicsError> {
+        let (before, error, numbers) = (self.names(), self.error()?, self.numbers());
+        let (as_was, others) = (
+            self.effects.clone(),
+            (self.refused.clone(), self.given_up.clone()),
+        );
         self.add_best(choice, p_value, seen)?;
         self.or_beyond(&as_was, (choice.kind, p_value))?;
         self.tidy()?;
-        // What came and was superfluous at once would come again.
-        if self.names() == before && self.error()? > GAINED_BELOW * error {
-            self.given_up.push(choice.kind.name);
+        let (name, after) = (choice.kind.name, self.error()?);
+        let often = |names: &[&str]| names.iter().filter(|one| **one == name).count();
+        let stays = often(&self.names()) > often(&before);
+        let worth = self.price(numbers as f64 - self.numbers() as f64);
+        if !stays && after > worth * error {
+            self.effects = as_was;
+            let why = self.refused.drain(..).rfind(|refused| refused.name == name);
+            (self.refused, self.given_up) = others;
+            self.refused.retain(|old| old.name != name);
+            self.refused.extend(why);
+            self.given_up.push(name);
+            return Ok(false);
         }
-        Ok(())
+        if self.names() == before && after > GAINED_BELOW * error {
+            // What came and was superfluous at once would come again.
+            self.given_up.push(name);
+        }
+        Ok(true)
+    }
+
+    /// Free numbers of all effects.
+    fn numbers(&self) -> usize {
+        let each = self.effects.iter();
+        each.map(|(found, _)| found.kind.freedom_of(&found.used))
+            .sum()
     }
 
     fn tidy(&mut self) -> Result<(), DynamicsError> {
@@ -383,7 +413,7 @@ impl State {
         self.prune()
     }
 
-    fn names(&self) -> Vec<&'static str> {
+    pub(super) fn names(&self) -> Vec<&'static str> {
         self.effects
             .iter()
             .map(|(found, _)| found.kind.name)

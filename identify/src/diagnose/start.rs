@@ -50,7 +50,7 @@ pub fn diagnose_without(
     let mut best = searched(samples, settings, barred, first)?;
     let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
     if best.is_far() && !has_a_closer(&best) {
-        let other = shown(with_a_load(samples, settings, barred))?.flatten();
+        let other = shown(with_a_load(samples, settings, barred, &best.came_to))?.flatten();
         if let Some(other) = other
             && loaded(&other)
             && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms
@@ -87,6 +87,23 @@ pub fn diagnose_without(
     best.refused.extend(stood_in);
     Ok(best)
 }
+
+/// The model that a search has come to, before it is looked over.
+#[derive(Clone, Debug)]
+pub(super) struct CameTo {
+    names: Vec<&'static str>,
+    error: f64,
+}
+
+impl CameTo {
+    /// Whether it is the same but for shapes that are hardly better.
+    fn is_no_better_than(&self, other: &Self) -> bool {
+        self.names == other.names && self.error > HARDLY * other.error
+    }
+}
+
+/// An error of so many times another one is hardly less.
+const HARDLY: f64 = 0.98;
 
 /// What a search begins with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,11 +147,12 @@ fn without_doubted(
 }
 
 /// As [`searched`] from a load; nothing where none stands beside its dampers: what is then left are those dampers, and a search from anything has
-/// been through such a state or a better one.
+/// been through such a state or a better one. Nor where it comes to what that search has come to: from there it would go on as that did.
 fn with_a_load(
     samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
+    other: &CameTo,
 ) -> Result<Option<Diagnosis>, DynamicsError> {
     let mut state = begun(samples, settings, barred)?;
     if !state.bank.iter().any(|one| is_smooth_load(one.kind)) {
@@ -144,8 +162,12 @@ fn with_a_load(
     if !state.effects.iter().any(|(found, _)| is_a_load(found)) {
         return Ok(None);
     }
-    let found = state.complete()?;
-    let again = |barred: &[&'static str]| with_a_load(samples, settings, barred);
+    state.search()?;
+    if state.came_to()?.is_no_better_than(other) {
+        return Ok(None);
+    }
+    let found = state.go_on()?;
+    let again = |barred: &[&'static str]| with_a_load(samples, settings, barred, other);
     without_doubted(found, barred, again).map(Some)
 }
 
@@ -184,10 +206,25 @@ fn begun(
 impl State {
     fn complete(mut self) -> Result<Diagnosis, DynamicsError> {
         self.search()?;
+        self.go_on()
+    }
+
+    /// What comes after the search.
+    fn go_on(mut self) -> Result<Diagnosis, DynamicsError> {
+        let came_to = self.came_to()?;
         self.latch()?;
         self.search_dampers_again()?;
         self.ask()?;
-        self.finish()
+        self.finish(came_to)
+    }
+
+    fn came_to(&self) -> Result<CameTo, DynamicsError> {
+        let mut names = self.names();
+        names.sort_unstable();
+        Ok(CameTo {
+            names,
+            error: self.error_with_signs()?,
+        })
     }
 
     /// Begins with a load over the whole range, the best that passes or a spring, which must stand beside what comes after it, and with the dampers

@@ -455,7 +455,7 @@ impl State {
     }
 
     /// So many times as much may a model err that has so many numbers less.
-    fn price(&self, spared: f64) -> f64 {
+    pub(super) fn price(&self, spared: f64) -> f64 {
         let independent = 0.5 * self.ground.y.len() as f64;
         (0.5 * spared * independent.ln() / independent).exp()
     }
