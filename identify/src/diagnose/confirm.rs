@@ -72,12 +72,7 @@ pub fn confirm(
         shares.push(leave_probed(ground, &diagnosis.motion)?);
     }
     let mut at = 0;
-    let found = objects(diagnosis);
-    let theta = terms_of(diagnosis, &found)?;
-    let mut datums: Vec<f64> = Vec::new();
-    for (_, _, ground) in &grounds {
-        datums.push(datum(diagnosis, &found, &theta, ground)?);
-    }
+    let mut datums = datums_of(diagnosis, &grounds)?;
     while at < diagnosis.effects.len() {
         let slid = diagnosis.effects[at].found.kind.name == SLIP.name;
         let held = |motion: &Motion| motion.slips.is_empty();
@@ -123,6 +118,7 @@ pub fn confirm(
             });
             // Those before it may have helped beside it alone.
             at = 0;
+            datums = datums_of(diagnosis, &grounds)?;
         } else {
             at += 1;
         }
@@ -181,6 +177,15 @@ pub fn confirm(
         });
     }
     Ok(out)
+}
+
+/// Where the zero of the coordinate lies on each.
+fn datums_of(diagnosis: &Diagnosis, grounds: &Others<'_>) -> Result<Vec<f64>, DynamicsError> {
+    let found = objects(diagnosis);
+    let theta = terms_of(diagnosis, &found)?;
+    let each = grounds.iter();
+    each.map(|(.., ground)| datum(diagnosis, &found, &theta, ground))
+        .collect()
 }
 
 /// What of `found`, term by term and in order, a motion shows apart from what is kept before.

@@ -198,13 +198,13 @@ impl State {
         // A lag would change the samples, which stay as they are.
         let is_lag = |candidate: &mut Candidate| candidate.kind.name == "time_lag";
         let lag: Vec<Candidate> = self.bank.extract_if(.., is_lag).collect();
-        // Once more where that errs less: what seems superfluous while dampers are missing may come back beside them.
+        // Twice: what seems superfluous while dampers are missing may come back beside them.
         let mut came = false;
         for _ in 0..2 {
             self.given_up.clear();
             self.search()?;
             came = had_curve == self.ground.curve.is_empty();
-            if came || self.error_with_signs()? > before {
+            if came || self.given_up.is_empty() {
                 break;
             }
         }

@@ -543,7 +543,7 @@ pub(super) fn signs_hold(kind: &Kind, used: &[bool], theta: &[f64]) -> bool {
         })
 }
 
-/// What the model's own estimates keep beside a candidate of one term.
+/// What the model's own estimates keep beside a candidate, by its first term.
 pub(super) enum Keeps {
     Nothing,
     /// What moves after a change of the inertia still has one; the place of the inertia among the model's columns.

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use super::confirm::shown;
 use super::dampers::is_damper;
 use super::finish::fit_named;
-use super::gates::{gives, limit};
+use super::gates::{gives, limit, most_of};
 use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
@@ -331,23 +331,7 @@ impl State {
         let Some((x, seen)) = self.survey()? else {
             return Ok(false);
         };
-        loop {
-            let choice = self.next(&seen);
-            if !self.a_load_is_left(&seen) && self.curved(&x, choice.as_ref(), &seen)? {
-                return Ok(true);
-            }
-            let Some((choice, p_value)) = choice else {
-                return Ok(false);
-            };
-            if choice.kind.name == "time_lag" {
-                self.take_lag(&choice, p_value)?;
-                self.tidy()?;
-                return Ok(true);
-            }
-            if self.add(&choice, p_value, &seen)? {
-                return Ok(true);
-            }
-        }
+        self.add_from(&seen, Some(&x))
     }
 
     /// As [`State::step`] of what the library has a name for; there is no lag in the bank.
@@ -355,12 +339,36 @@ impl State {
         let Some((_, seen)) = self.survey()? else {
             return Ok(false);
         };
-        while let Some((choice, p_value)) = self.next(&seen) {
-            if self.add(&choice, p_value, &seen)? {
-                return Ok(true);
+        self.add_from(&seen, None)
+    }
+
+    /// Adds the first of what passes that stays, or a curve where there may be one beside the columns `x`; whether there was one to add.
+    fn add_from(&mut self, seen: &Look, x: Option<&Columns>) -> Result<bool, DynamicsError> {
+        let mut undone = Vec::new();
+        let added = loop {
+            let choice = self.next(seen);
+            if let Some(x) = x
+                && !self.a_load_is_left(seen)
+                && self.curved(x, choice.as_ref(), seen)?
+            {
+                break true;
             }
-        }
-        Ok(false)
+            let Some((choice, p_value)) = choice else {
+                break false;
+            };
+            if choice.kind.name == "time_lag" {
+                self.take_lag(&choice, p_value)?;
+                self.tidy()?;
+                break true;
+            }
+            if self.add(&choice, p_value, seen)? {
+                break true;
+            }
+            undone.extend((most_of(choice.kind) > 1).then_some(choice.kind.name));
+        };
+        // Elsewhere another of these may stay beside other effects.
+        self.given_up.retain(|name| !undone.contains(name));
+        Ok(added)
     }
 
     /// What comes next of what passes, and how often chance gives as much.
@@ -368,33 +376,40 @@ impl State {
         self.weight_of_what_lies(seen).or_else(|| self.choose(seen))
     }
 
-    /// Adds the choice or what does better in its place. Where it goes again and takes others with it, which would come back beside the next, all is as
-    /// it was and the choice is given up: then nothing has changed.
+    /// Adds the choice or what does better in its place. Where that goes again at once and takes others with it, which would come back beside the next,
+    /// all is as it was and the choice is given up: then nothing has changed.
     fn add(&mut self, choice: &Ranked, p_value: f64, seen: &Look) -> Result<bool, DynamicsError> {
-        let (before, error, numbers) = (self.names(), self.error()?, self.numbers());
-        let (as_was, others) = (
-            self.effects.clone(),
-            (self.refused.clone(), self.given_up.clone()),
-        );
+        let (as_was, name) = (self.as_is(), choice.kind.name);
+        let (before, numbers) = (self.names(), self.numbers());
+        let (error, signed) = (self.error()?, self.error_with_signs()?);
         self.add_best(choice, p_value, seen)?;
-        self.or_beyond(&as_was, (choice.kind, p_value))?;
+        self.or_beyond(&as_was.effects, (choice.kind, p_value))?;
         self.tidy()?;
-        let (name, after) = (choice.kind.name, self.error()?);
-        let often = |names: &[&str]| names.iter().filter(|one| **one == name).count();
-        let stays = often(&self.names()) > often(&before);
-        let worth = self.price(numbers as f64 - self.numbers() as f64);
-        if !stays && after > worth * error {
-            self.effects = as_was;
-            let why = self.refused.drain(..).rfind(|refused| refused.name == name);
-            (self.refused, self.given_up) = others;
-            self.refused.retain(|old| old.name != name);
-            self.refused.extend(why);
-            self.given_up.push(name);
-            return Ok(false);
-        }
-        if self.names() == before && after > GAINED_BELOW * error {
+        let after = self.names();
+        let often = |names: &[&str], name| names.iter().filter(|one| **one == name).count();
+        let stays = after
+            .iter()
+            .any(|name| often(&after, *name) > often(&before, *name));
+        if after == before {
             // What came and was superfluous at once would come again.
-            self.given_up.push(name);
+            if self.error()? > GAINED_BELOW * error {
+                self.given_up.push(name);
+            }
+        } else if !stays {
+            let worth = self.price(numbers as f64 - self.numbers() as f64);
+            let left = self.error_with_signs()?;
+            if left > worth * signed {
+                self.put_back(as_was);
+                self.given_up.push(name);
+                self.refused.retain(|old| old.name != name);
+                self.refused.push(Refused {
+                    name,
+                    reason: "beside it others seem superfluous, and without them it does"
+                        .to_owned(),
+                    held_out_rms: [signed, left],
+                });
+                return Ok(false);
+            }
         }
         Ok(true)
     }

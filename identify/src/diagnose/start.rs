@@ -92,13 +92,15 @@ pub fn diagnose_without(
 #[derive(Clone, Debug)]
 pub(super) struct CameTo {
     names: Vec<&'static str>,
+    curved: bool,
     error: f64,
 }
 
 impl CameTo {
     /// Whether it is the same but for shapes that are hardly better.
     fn is_no_better_than(&self, other: &Self) -> bool {
-        self.names == other.names && self.error > HARDLY * other.error
+        let same = self.names == other.names && self.curved == other.curved;
+        same && self.error > HARDLY * other.error
     }
 }
 
@@ -125,7 +127,7 @@ fn searched(
     }
     let found = state.complete()?;
     without_doubted(found, barred, |barred| {
-        searched(samples, settings, barred, first).map(Some)
+        searched(samples, settings, barred, first)
     })
 }
 
@@ -134,12 +136,12 @@ fn searched(
 fn without_doubted(
     found: Diagnosis,
     barred: &[&'static str],
-    again: impl FnOnce(&[&'static str]) -> Result<Option<Diagnosis>, DynamicsError>,
+    again: impl FnOnce(&[&'static str]) -> Result<Diagnosis, DynamicsError>,
 ) -> Result<Diagnosis, DynamicsError> {
     let Some(doubt) = found.doubted.clone() else {
         return Ok(found);
     };
-    let Some(mut without) = shown(again(&[barred, &[doubt.name]].concat()))?.flatten() else {
+    let Some(mut without) = shown(again(&[barred, &[doubt.name]].concat()))? else {
         return Ok(found);
     };
     without.refused.push(doubt);
@@ -167,7 +169,7 @@ fn with_a_load(
         return Ok(None);
     }
     let found = state.go_on()?;
-    let again = |barred: &[&'static str]| with_a_load(samples, settings, barred, other);
+    let again = |barred: &[&'static str]| searched(samples, settings, barred, First::Load);
     without_doubted(found, barred, again).map(Some)
 }
 
@@ -220,9 +222,11 @@ impl State {
 
     fn came_to(&self) -> Result<CameTo, DynamicsError> {
         let mut names = self.names();
+        names.extend(self.lag.map(|_| TIME_LAG.name));
         names.sort_unstable();
         Ok(CameTo {
             names,
+            curved: !self.ground.curve.is_empty(),
             error: self.error_with_signs()?,
         })
     }
@@ -279,5 +283,30 @@ impl State {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::CameTo;
+
+    #[test]
+    fn a_search_goes_on_where_it_came_elsewhere_or_nearer() {
+        let came_to = |names: &[&'static str], curved, error| CameTo {
+            names: names.to_vec(),
+            curved,
+            error,
+        };
+        let other = came_to(&["damping_zone", "spring"], false, 1.0);
+        for (names, curved, error, ends) in [
+            (&["damping_zone", "spring"][..], false, 0.99, true),
+            (&["damping_zone", "spring"], false, f64::INFINITY, true),
+            (&["damping_zone", "spring"], false, 0.9, false),
+            (&["damping_zone", "spring"], true, 1.0, false),
+            (&["damping_zone", "spring", "time_lag"], false, 1.0, false),
+        ] {
+            let one = came_to(names, curved, error);
+            assert_eq!(one.is_no_better_than(&other), ends, "{one:?}");
+        }
     }
 }
