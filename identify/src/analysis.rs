@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 
 use self::full::with_mechanism;
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, add_stiction,
-    beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives, others_rid_of_slips,
-    shown, state_forms, state_spread, take_from_both,
+    Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, Steps,
+    add_stiction, beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives,
+    others_rid_of_slips, shown, state_forms, state_spread, take_from_both,
 };
 use crate::dynamics::{
     Bursts, DynamicsError, EffortModel, JointFit, Structure, align, bursts, fit_base, not_white,
@@ -218,9 +218,10 @@ fn confirmed_diagnosis(
     let (samples, mut earlier) = confirmed_change(samples, others);
     let mut best = None;
     let mut least = f64::INFINITY;
+    let steps = Steps::default();
     loop {
         // Slips seen beside a model that was refused may be none.
-        let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred)?;
+        let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred, &steps)?;
         let others = others_rid_of_slips(&diagnosis, others, settings)?;
         let known = diagnosis.refused.clone();
         let confirmed = confirm(&mut diagnosis, &others, settings)?;
@@ -234,7 +235,7 @@ fn confirmed_diagnosis(
         // A search that begins anew may end in a worse place than the one before it did without what was refused.
         let error = diagnosis.model.held_out_rms;
         least = least.min(error);
-        let ends = refused.is_empty() || barred.len() >= MOST_BARRED;
+        let ends = refused.is_empty() || barred.len() >= MOST_BARRED || steps.are_enough();
         let stays = |_: &mut _| least < STAYS_BELOW * error;
         let last = (diagnosis, confirmed, others);
         let (mut diagnosis, mut confirmed, others) = best.take_if(stays).unwrap_or(last);

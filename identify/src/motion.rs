@@ -181,6 +181,8 @@ pub struct Slip {
     pub across: f64,
     /// How far along it, as far as it is known.
     pub along: f64,
+    /// How many times what the pose usually goes across the path in that time; 0 where the effort alone shows the slip.
+    pub times_usual: f64,
 }
 
 const MIN_RUN_S: f64 = 1.0;
@@ -439,6 +441,11 @@ impl Motion {
         }
         let effort = self.smoothed(&self.tau)?;
         Ok(self.smoothed_tau.get_or_init(|| effort))
+    }
+
+    /// The weights of what smooths the coordinate, the middle one that of the sample itself.
+    pub(crate) fn smoothing(&self) -> &[f64] {
+        &self.smoother.both_ways
     }
 
     /// The samples of a series that fits use.

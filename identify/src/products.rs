@@ -47,6 +47,21 @@ pub(crate) fn dot_inline(a: &[f64], b: &[f64]) -> f64 {
     sums[0] + rest
 }
 
+/// What the columns times their terms leave of `y`.
+pub(crate) fn residual<'a>(
+    y: &[f64],
+    x: impl IntoIterator<Item = &'a Vec<f64>>,
+    theta: &[f64],
+) -> Vec<f64> {
+    let mut left = y.to_vec();
+    for (column, theta) in x.into_iter().zip(theta) {
+        for (left, value) in left.iter_mut().zip(column) {
+            *left -= theta * value;
+        }
+    }
+    left
+}
+
 /// The sum of columns times their terms; empty without columns.
 pub(crate) fn combine(x: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; x.first().map_or(0, Vec::len)];

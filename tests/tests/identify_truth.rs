@@ -253,6 +253,23 @@ fn an_inertia_that_changes_beside_a_strut_is_named_and_leaves_the_floor() {
     }
 }
 
+/// Friction takes them up, or nothing that is fitted shows them: what the joint takes to leave rest does, how that falls, and the pose.
+#[test]
+fn what_moves_no_model_is_named_by_what_rests_and_poses_show() {
+    for (seed, name) in [
+        // A third more than smoothed effort shows.
+        (735_100_131, "stiction"),
+        // Gone at 18 mm/s.
+        (715_100_121, "stribeck"),
+        (735_100_179, "slip"),
+    ] {
+        let judged = Pair::of(seed).judged(&[CONFIRM]);
+        assert_eq!(judged.truth, [name]);
+        assert_eq!((judged.found, judged.wrong.len()), (1, 0), "{judged:?}");
+        assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+    }
+}
+
 /// Two dampers of a closer lie side by side. One over both that begins askew, with another on it that drives or acts both ways, leaves a few
 /// floors: there the search once stayed, with names for what was wrong with it. Loads that only together hold the door were lost one by one.
 #[test]

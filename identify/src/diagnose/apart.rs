@@ -4,11 +4,11 @@
 use std::sync::Arc;
 
 use super::confirm::{objects, with_columns};
+use super::diagnosis::{Ambiguity, Diagnosis, NamedEffect, Refused, fit_found};
 use super::elsewhere::{datum, error_on, regripped};
 use super::finish::{are_of_one_class, is_play_for_grasp};
 use super::gates::gives;
 use super::model::{Found, Ground};
-use super::search::{Ambiguity, Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::DynamicsError;
 
 /// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so many times that of the

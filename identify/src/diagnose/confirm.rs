@@ -3,10 +3,10 @@
 //! The lag is fitted anew there and judged on its held-out strokes; all else by the errors of [`super::elsewhere`].
 
 use super::apart::tell_apart;
+use super::diagnosis::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::elsewhere::{datum, error_for, error_on};
 use super::model::{Found, Ground, is_known, is_of_time};
 use super::score::rms_beside;
-use super::search::{Diagnosis, NamedEffect, Refused, fit_found};
 use crate::dynamics::{DynamicsError, EffortModel};
 use crate::effect::library::{Belongs, kind};
 use crate::effect::slip::SLIP;
@@ -125,6 +125,8 @@ pub fn confirm(
     }
     tell_apart(diagnosis, grounds.iter().map(|(.., ground)| ground))?;
     diagnosis.refit()?;
+    // Another effect may stand where one was.
+    let datums = datums_of(diagnosis, &grounds)?;
     let mut out = Vec::new();
     let all = objects(diagnosis);
     // By number of effects.

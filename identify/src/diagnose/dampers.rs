@@ -1,11 +1,12 @@
 //! Dampers that lie side by side: a closer has one for its sweep, one for its latching and one that checks the opening. They are found one after the
 //! other, and what the first takes up of the next stands in its way.
 
+use super::diagnosis::MUCH;
 use super::gates::most_of;
 use super::model::{Candidate, Found, candidates, is_smooth_load};
 use super::scan::{LEVELS, WORSE};
 use super::score::Problem;
-use super::search::{MUCH, RIVAL_BELOW, State};
+use super::search::{RIVAL_BELOW, State};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::damping::{ASYMMETRIC, EDGE, ZONE};

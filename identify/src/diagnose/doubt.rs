@@ -1,8 +1,8 @@
 //! Doubt: what is named while more than noise is left is taken back where it explains too little to be sure of its name.
 
+use super::diagnosis::{NamedEffect, Refused, fit_found};
 use super::model::{Found, Ground, is_smooth_load};
 use super::score::Problem;
-use super::search::{NamedEffect, Refused, fit_found};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 use crate::effect::load::DETENT;

@@ -4,15 +4,16 @@
 //! switch) is fitted anew, and so is the zero of the coordinate, which each recording chooses for itself. Whether something changes in the course of a
 //! recording is asked beside the inertia and the friction of that day.
 
+use super::diagnosis::Diagnosis;
 use super::model::{Found, Ground, is_of_time};
 use super::score::{Problem, rms_beside};
-use super::search::Diagnosis;
 use super::shapes::{ENOUGH_AT_LAST, polished};
 use crate::dynamics::DynamicsError;
 use crate::effect::library::{Belongs, Kind, Search, Unit};
 use crate::effect::memory::BACKLASH;
 use crate::least_squares::rms;
 use crate::parallel::in_parallel;
+use crate::products::residual;
 
 /// The zero is looked for in so many steps either way of this share of the range,
 const DATUM_STEPS: i32 = 6;
@@ -61,13 +62,8 @@ fn error_beside(
     ground: &Ground,
     datum: f64,
 ) -> Result<(f64, f64), DynamicsError> {
-    let mut theta = theta.iter();
-    let mut left = ground.y.clone();
-    for (column, theta) in ground.base.iter().zip(theta.by_ref()) {
-        for (left, value) in left.iter_mut().zip(column) {
-            *left -= theta * value;
-        }
-    }
+    let mut left = residual(&ground.y, &ground.base, theta);
+    let mut theta = theta.iter().skip(ground.base.len());
     let mut anew = free.to_vec();
     let mut size = 0.0;
     let of_each: Vec<Vec<f64>> = found
@@ -103,9 +99,7 @@ fn error_beside(
             if own || term.0 == "preload" {
                 anew.push(column);
             } else {
-                for (left, value) in left.iter_mut().zip(&column) {
-                    *left -= theta * value;
-                }
+                left = residual(&left, [&column], &[*theta]);
             }
         }
         if i + 1 == found.len() {

@@ -1,7 +1,7 @@
 //! The residual against the variable of an effect, without it and with it.
 
+use super::diagnosis::NamedEffect;
 use super::model::{Found, RIGID};
-use super::search::NamedEffect;
 use crate::digits::six;
 use crate::dynamics::EffortModel;
 use crate::effect::library::Variable;

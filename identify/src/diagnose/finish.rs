@@ -5,13 +5,12 @@ use std::sync::Arc;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::confirm::shown;
+use super::diagnosis::{Ambiguity, Diagnosis, NamedEffect, Refused, fit_found, floor_of};
 use super::doubt::{curve_with, doubt, drop_doubtful, error_beside, explains_little};
 use super::gates::{LEAST_SIZE, gives};
 use super::model::{Found, Ground, RIGID, is_known, object_of};
 use super::score::{factor, gram};
-use super::search::{
-    Ambiguity, Diagnosis, NamedEffect, RIVAL_BELOW, Refused, State, fit_found, floor_of,
-};
+use super::search::{RIVAL_BELOW, State};
 use super::shapes::ENOUGH_AT_LAST;
 use super::start::CameTo;
 use crate::analysis::EXPLAINED_BELOW;
@@ -23,7 +22,7 @@ use crate::effect::measurement::{PAYLOAD_SWITCH, TIME_LAG};
 use crate::effect::slip::{self, SLIP};
 use crate::least_squares::rms;
 use crate::motion::Motion;
-use crate::products::dot;
+use crate::products::{dot, residual};
 
 /// Kinds that only a tare tells apart: on moving samples their regressors agree.
 const ALIAS: (&str, &str) = ("constant_load", "asymmetric_coulomb");
@@ -311,7 +310,8 @@ impl State {
         Ok(Some(own(vec![falls, false])))
     }
 
-    /// That the tool slid on the handle, where leaving it in would have moved the effort by more than the floor allows to doubt.
+    /// That the tool slid on the handle, where the pose shows it plainly or leaving it in would have moved the effort by more than the floor allows to
+    /// doubt.
     fn slip(&self, found: &[Found], after: f64) -> Result<Option<NamedEffect>, DynamicsError> {
         let slips = &self.ground.motion.slips;
         if slips.is_empty() || self.samples.aside.slips_left_in {
@@ -327,7 +327,8 @@ impl State {
             ambiguous_with: Vec::new(),
             spread: DMatrix::zeros(0, 0),
         };
-        Ok((moved > LEAST_SIZE * self.floor.rms).then_some(effect))
+        let is_seen = slip::is_plain(slips) || moved > LEAST_SIZE * self.floor.rms;
+        Ok(is_seen.then_some(effect))
     }
 
     /// Where the terms of effect `i` begin in those of the model.
@@ -412,13 +413,8 @@ impl State {
         let own = |(factor, x): &(Option<Cholesky<f64, Dyn>>, Vec<Vec<f64>>), column: &[f64]| {
             let right = DVector::from_fn(x.len(), |i, _| dot(&x[i], column));
             let theta = factor.as_ref().map(|factor| factor.solve(&right));
-            let mut left = column.to_vec();
-            for (x, theta) in x.iter().zip(theta.iter().flat_map(|theta| theta.iter())) {
-                for (left, value) in left.iter_mut().zip(x) {
-                    *left -= theta * value;
-                }
-            }
-            rms(&left)
+            let theta = theta.as_ref().map_or(&[][..], DVector::as_slice);
+            rms(&residual(column, x, theta))
         };
         // Of each kind, of how many shapes that is so, and of how many it is not.
         let mut tally: Vec<(&'static Kind, [usize; 2])> = Vec::new();

@@ -2,8 +2,8 @@
 
 use nalgebra::DVector;
 
+use super::diagnosis::{Diagnosis, fit_found};
 use super::model::{Found, Ground, RIGID};
-use super::search::{Diagnosis, fit_found};
 use super::shapes::{ENOUGH_AT_LAST, polished};
 use super::shown;
 use crate::analysis::EXPLAINED_BELOW;

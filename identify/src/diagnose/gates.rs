@@ -2,11 +2,12 @@
 
 use core::f64::consts::TAU;
 
+use super::diagnosis::Refused;
 use super::model::{Found, is_load, is_smooth_load, signs_hold};
 use super::null::slow_effort;
 use super::scan::{Look, Ranked, evidence};
 use super::score::Problem;
-use super::search::{Refused, State};
+use super::search::State;
 use crate::effect::friction::AT_A_PLACE;
 use crate::effect::library::{Belongs, Kind};
 use crate::effect::measurement::SENSOR_DRIFT;

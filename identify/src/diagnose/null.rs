@@ -11,7 +11,7 @@ use crate::least_squares::rms;
 use crate::motion::{Motion, MotionError, MotionSettings};
 use crate::noise::NoiseFloor;
 use crate::parallel::in_parallel;
-use crate::products::combine;
+use crate::products::{combine, residual};
 use crate::random::Random;
 use crate::samples::{Aside, JointSamples};
 
@@ -112,17 +112,11 @@ fn error_of(
 
 /// What a model leaves of a motion's effort at the fit's samples; the filter is linear, so once is enough.
 fn left_by(motion: &Motion, effects: &[Found], theta: &[f64]) -> Result<Vec<f64>, MotionError> {
-    let mut left = motion.tau.clone();
     let mut series = RigidBody::measured(motion).to_vec();
     for effect in effects {
         series.extend(effect.series(motion));
     }
-    for (series, theta) in series.iter().zip(theta) {
-        for (left, value) in left.iter_mut().zip(series) {
-            *left -= theta * value;
-        }
-    }
-    motion.regressor(&left)
+    motion.regressor(&residual(&motion.tau, &series, theta))
 }
 
 /// A series like the position sensor's noise: its own series, moved in time and mixed; white when there are none.

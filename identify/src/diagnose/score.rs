@@ -4,7 +4,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::least_squares::rms;
-use crate::products::{Table, dot, in_vectors};
+use crate::products::{Table, dot, in_vectors, residual};
 
 /// Blocks of strokes that are held out in turn: fold of each sample, and their number.
 pub(super) type Folds = (Vec<usize>, usize);
@@ -345,13 +345,7 @@ pub(super) fn solve(x: &[Vec<f64>], y: &[f64]) -> Option<Vec<f64>> {
 
 /// What least squares on `x` leaves of `y`, rms.
 pub(super) fn rms_beside(x: &[Vec<f64>], y: &[f64]) -> f64 {
-    let mut left = y.to_vec();
-    for (column, theta) in x.iter().zip(solve(x, y).into_iter().flatten()) {
-        for (left, value) in left.iter_mut().zip(column) {
-            *left -= theta * value;
-        }
-    }
-    rms(&left)
+    rms(&residual(y, x, &solve(x, y).unwrap_or_default()))
 }
 
 /// The normal matrix of least squares on `x`.

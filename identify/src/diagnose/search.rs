@@ -2,94 +2,22 @@
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
-
 use super::confirm::shown;
 use super::dampers::is_damper;
-use super::finish::fit_named;
+use super::diagnosis::{Refused, fit_found, floor_of};
 use super::gates::{gives, limit, most_of};
-use super::model::{Candidate, Found, Ground, bank, blocks, is_load, is_smooth_load, slopes_of};
+use super::model::{Candidate, Found, Ground, bank, is_load, is_smooth_load};
 use super::null::replicates;
 use super::scan::{Look, Ranked, look};
 use super::score::{Problem, solve};
-use super::start::CameTo;
+use super::steps::Steps;
 use crate::analysis::EXPLAINED_BELOW;
-use crate::dynamics::{
-    DynamicsError, EffortModel, JointFit, fit_columns, fit_parametric, fit_with_mechanism,
-};
+use crate::dynamics::{DynamicsError, EffortModel, fit_parametric, fit_with_mechanism};
+use crate::effect::RigidBody;
 use crate::effect::library::Object;
-use crate::effect::{Effect, RigidBody};
-use crate::least_squares::rms;
 use crate::motion::{Motion, MotionSettings};
-use crate::noise::{self, NoiseFloor};
-use crate::parallel::in_parallel;
+use crate::noise::NoiseFloor;
 use crate::samples::JointSamples;
-
-/// An effect that fits nearly as well.
-#[derive(Clone, Debug)]
-pub struct Ambiguity {
-    /// Its name.
-    pub name: &'static str,
-    /// The motion or measurement that would tell the two apart.
-    pub told_apart_by: &'static str,
-    /// It with its shape, in the place of the effect; nothing when only a part of the effect may be it.
-    pub rival: Option<Found>,
-}
-
-/// An effect that was added.
-#[derive(Clone, Debug)]
-pub struct NamedEffect {
-    /// The effect with its shape.
-    pub found: Found,
-    /// Error on held-out strokes before and after it was added, in the order of the effects.
-    pub held_out_rms: [f64; 2],
-    /// Share of simulated recordings without any effect in which the search found as much.
-    pub p_value: f64,
-    /// What fits nearly as well.
-    pub ambiguous_with: Vec<Ambiguity>,
-    /// Covariance of its terms and then of its shape parameters, zero for those that are a choice; empty where it is not known.
-    pub spread: DMatrix<f64>,
-}
-
-/// A candidate that improved the fit and was turned down.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Refused {
-    /// Its name.
-    pub name: &'static str,
-    /// Why.
-    pub reason: String,
-    /// Error on held-out strokes without and with it.
-    pub held_out_rms: [f64; 2],
-}
-
-/// What the search found.
-#[derive(Clone, Debug)]
-pub struct Diagnosis {
-    /// Effects, the last the one without which the others err least, and so on: mostly each lowers the error of those before it, but a load may do
-    /// so only beside the dampers that it presses against.
-    pub effects: Vec<NamedEffect>,
-    /// Candidates turned down.
-    pub refused: Vec<Refused>,
-    /// Lag of the effort that was named as an effect, s.
-    pub lag_s: Option<f64>,
-    /// A lag or a switch that is no name for what it takes away, and why.
-    pub(super) doubted: Option<Refused>,
-    pub(super) came_to: CameTo,
-    /// I, mu, b and the effects, fitted with their bounds.
-    pub model: EffortModel,
-    /// Of motion and dynamics together, where the model has the parameters of such a fit.
-    pub together: Option<JointFit>,
-    /// What the sensors' noise leaves of a complete model.
-    pub floor: NoiseFloor,
-    /// The motion that the model is fitted to.
-    pub motion: Motion,
-    /// The samples it comes from.
-    pub samples: JointSamples,
-    /// What simulated recordings of the model leave, with the sensors' noise, rms: the floor with the errors of processing.
-    pub simulated_rms: f64,
-    /// Whether the coordinate's zero is that of the file, as in tables, and not that of the grasp.
-    pub is_table: bool,
-}
 
 /// A rival takes the place of the best candidate when its whole model errs so much less.
 pub(super) const RIVAL_BELOW: f64 = 0.95;
@@ -101,63 +29,13 @@ const LOADS_FOR_A_CURVE: usize = 2;
 const OF_A_LOAD: f64 = 0.05;
 /// An addition after which the same effects are there as before was worth it when the error fell below so many times what it was.
 const GAINED_BELOW: f64 = 0.995;
-/// That many noise floors are much more than noise.
-pub(super) const MUCH: f64 = 2.0;
 /// Recordings that are simulated of a model.
 const REPLICATES: usize = 40;
 pub(super) const MOST_EFFECTS: usize = 8;
-/// The floor is taken as at least this share of the effort: numbers in files have so many digits.
-pub(crate) const LEAST_FLOOR: f64 = 1.5e-3;
 /// A floor that is read off the position's own motion and is this share of what I, mu, b leave is compared with what more leaves.
 const DOUBTED: f64 = 0.3;
 /// What simulated recordings leave may be so much above the sensors' noise alone: signs near reversals, double smoothing.
 const MOST_ABOVE: f64 = 1.25;
-
-impl Diagnosis {
-    /// Whether much more than noise is left.
-    pub(super) fn is_far(&self) -> bool {
-        self.model.held_out_rms > MUCH * self.floor.rms
-    }
-
-    /// The effects that have regressors: all but those that were taken out of the samples.
-    #[must_use]
-    pub fn found(&self) -> Vec<Found> {
-        let all = self.effects.iter().map(|effect| effect.found.clone());
-        all.filter(|found| !found.taken_out()).collect()
-    }
-
-    /// Error on held-out strokes of the model without effect `i`.
-    ///
-    /// # Errors
-    /// [`DynamicsError`].
-    pub fn error_without(&self, i: usize) -> Result<f64, DynamicsError> {
-        let kept = self.effects.iter().enumerate().filter(|(k, _)| *k != i);
-        let found = kept.map(|(_, effect)| effect.found.clone());
-        let found: Vec<Found> = found.filter(|found| !found.taken_out()).collect();
-        Ok(fit_found(&self.motion, &found)?.held_out_rms)
-    }
-
-    /// Fits the model anew after effects were taken out or the motion changed.
-    ///
-    /// # Errors
-    /// [`DynamicsError`].
-    pub fn refit(&mut self) -> Result<(), DynamicsError> {
-        let mut found = Vec::new();
-        let mut before = fit_found(&self.motion, &found)?.held_out_rms;
-        for effect in &mut self.effects {
-            if effect.found.taken_out() {
-                continue;
-            }
-            found.push(effect.found.clone());
-            let after = fit_found(&self.motion, &found)?.held_out_rms;
-            effect.held_out_rms = [before, after];
-            before = after;
-        }
-        self.model = fit_named(&self.motion, &mut self.effects)?;
-        self.floor = floor_of(&self.samples, &self.motion, &self.model, &self.found())?;
-        Ok(())
-    }
-}
 
 pub(super) struct State {
     pub(super) settings: MotionSettings,
@@ -172,6 +50,7 @@ pub(super) struct State {
     pub(super) floor: NoiseFloor,
     /// Error that simulated recordings of the model have, rms.
     pub(super) level: f64,
+    steps: Steps,
 }
 
 /// Regressors of a model at the fit's samples.
@@ -195,6 +74,7 @@ impl State {
     pub(super) fn new(
         mut samples: JointSamples,
         settings: MotionSettings,
+        steps: Steps,
     ) -> Result<Self, DynamicsError> {
         let motion = Motion::prepare(&samples, &settings)?;
         let base = fit_parametric(&motion, &[&RigidBody])?;
@@ -220,6 +100,7 @@ impl State {
             given_up: Vec::new(),
             floor,
             level: 0.0,
+            steps,
         })
     }
 
@@ -293,6 +174,7 @@ impl State {
 
     /// The columns of the model, and what each candidate does beside them and by chance; the floor is estimated anew.
     pub(super) fn survey(&mut self) -> Result<Option<(Columns, Look)>, DynamicsError> {
+        self.steps.count();
         let found = self.found();
         let model = self.fit()?;
         self.floor = floor_of(&self.samples, &self.ground.motion, &model, &found)?;
@@ -386,13 +268,22 @@ impl State {
         self.or_beyond(&as_was.effects, (choice.kind, p_value))?;
         self.tidy()?;
         let after = self.names();
+        let sorted = |names: &[&'static str]| {
+            let mut names = names.to_vec();
+            names.sort_unstable();
+            names
+        };
         let often = |names: &[&str], name| names.iter().filter(|one| **one == name).count();
         let stays = after
             .iter()
             .any(|name| often(&after, *name) > often(&before, *name));
-        if after == before {
+        if sorted(&after) == sorted(&before) {
             // What came and was superfluous at once would come again.
-            if self.error()? > GAINED_BELOW * error {
+            let left = self.error()?;
+            if left > error {
+                self.put_back(as_was);
+            }
+            if left > GAINED_BELOW * error {
                 self.given_up.push(name);
             }
         } else if !stays {
@@ -605,38 +496,4 @@ impl State {
         self.samples = samples;
         Ok(())
     }
-}
-
-pub(super) fn fit_found(motion: &Motion, found: &[Found]) -> Result<EffortModel, DynamicsError> {
-    let mut columns = RigidBody.columns(motion)?;
-    for own in in_parallel(found, |found| found.columns(motion)) {
-        columns.extend(own?);
-    }
-    let y = motion.regressor(&motion.tau)?;
-    let folds = blocks(motion);
-    let mut model = fit_columns(columns.clone(), y.clone(), folds.clone())?;
-    // By the same blocks and the same rule as the search.
-    let free = columns.into_iter().zip(model.theta.iter());
-    let x: Vec<Vec<f64>> = free
-        .filter(|(_, theta)| **theta != 0.0)
-        .map(|(column, _)| column.values)
-        .collect();
-    if let Some(outcome) = Problem::new(&x, &[y], &folds).complete(&[]) {
-        model.held_out_rms = outcome.mse.sqrt();
-    }
-    Ok(model)
-}
-
-pub(crate) fn floor_of(
-    samples: &JointSamples,
-    motion: &Motion,
-    model: &EffortModel,
-    found: &[Found],
-) -> Result<NoiseFloor, DynamicsError> {
-    let slopes = slopes_of(motion, found, model.theta.as_slice());
-    let mut floor = noise::floor(samples, motion, model, slopes)?;
-    let least = LEAST_FLOOR * rms(&motion.regressor(&motion.tau)?);
-    floor.rms = floor.rms.max(least);
-    floor.wrench_rms = floor.wrench_rms.max(least);
-    Ok(floor)
 }

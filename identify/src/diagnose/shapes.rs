@@ -8,7 +8,7 @@ use super::score::{factor, gram};
 use crate::effect::library::{Kind, LONGEST_DRIFT, SHORTEST_DRIFT, Scope, Search, Shape};
 use crate::motion::{Motion, MotionError};
 use crate::parallel::in_parallel;
-use crate::products::{combine, dot};
+use crate::products::{combine, dot, residual};
 
 const ITERATIONS: usize = 40;
 /// An iteration that lowers the squared error by less than this share is the last: on the way of a search, where shapes are polished time and
@@ -225,12 +225,7 @@ impl Trial {
             }
             at += count;
         }
-        let mut residual = beside.y.to_vec();
-        for (column, theta) in all.iter().zip(&theta) {
-            for (left, value) in residual.iter_mut().zip(*column) {
-                *left -= theta * value;
-            }
-        }
+        let residual = residual(beside.y, all.iter().copied(), &theta);
         let square = residual.iter().map(|r| r * r).sum();
         Some(Self {
             effects,

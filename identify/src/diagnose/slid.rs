@@ -6,9 +6,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::diagnosis::{Diagnosis, fit_found};
 use super::model::{Found, slopes_of};
-use super::search::{Diagnosis, fit_found};
-use super::start::diagnose_without;
+use super::start::diagnose_while;
+use super::steps::Steps;
 use crate::analysis::SURELY_BELOW;
 use crate::dynamics::{DynamicsError, EffortModel, fit_with_mechanism};
 use crate::effect::{Effect, RigidBody, slip};
@@ -52,7 +53,7 @@ const MOST_LEFT: f64 = 1.3;
 /// With more left after a round than so many floors, another one does not come to [`MOST_LEFT`] of them.
 const MOST_LEFT_AGAIN: f64 = 5.0;
 
-/// As [`diagnose_without`], of `samples` rid of the slips that the effort shows where that leaves less.
+/// As [`super::diagnose_without`], of `samples` rid of the slips that the effort shows where that leaves less.
 ///
 /// # Errors
 /// [`DynamicsError`].
@@ -60,11 +61,12 @@ pub(crate) fn diagnose_rid_of_slips(
     samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
+    steps: &Steps,
 ) -> Result<Diagnosis, DynamicsError> {
-    let first = diagnose_without(samples, settings, barred)?;
+    let first = diagnose_while(samples, settings, barred, steps)?;
     let most = MOST_LEFT * first.floor.rms;
     let mut rounds: Vec<(Diagnosis, JointSamples)> = Vec::new();
-    while rounds.len() < ROUNDS {
+    while rounds.len() < ROUNDS && !steps.are_enough() {
         let (last, seen) = rounds
             .last()
             .map_or((&first, samples), |(last, seen)| (last, seen));
@@ -88,7 +90,7 @@ pub(crate) fn diagnose_rid_of_slips(
         let Some(rid) = rid else {
             break;
         };
-        let Some(next) = if_enough(diagnose_without(&rid, settings, barred))? else {
+        let Some(next) = if_enough(diagnose_while(&rid, settings, barred, steps))? else {
             break;
         };
         if next.model.held_out_rms > STAYS_BELOW * last.model.held_out_rms {

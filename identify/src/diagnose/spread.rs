@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::diagnosis::Diagnosis;
 use super::model::{Columns, Found, RIGID};
-use super::search::Diagnosis;
 use super::shapes::{Free, free_of, moves};
 use crate::dynamics::{DynamicsError, EffortModel, covariance_of_columns};
 use crate::effect::library::{Object, Scope};

@@ -2,8 +2,10 @@
 
 use super::confirm::shown;
 use super::dampers::is_damper;
+use super::diagnosis::{Diagnosis, NamedEffect, Refused};
 use super::model::{Candidate, Found, is_known, is_smooth_load};
-use super::search::{Diagnosis, MOST_EFFECTS, NamedEffect, RIVAL_BELOW, Refused, State};
+use super::search::{MOST_EFFECTS, RIVAL_BELOW, State};
+use super::steps::Steps;
 use crate::dynamics::DynamicsError;
 use crate::effect::damping::ZONE;
 use crate::effect::library::Kind;
@@ -46,11 +48,22 @@ pub fn diagnose_without(
     settings: &MotionSettings,
     barred: &[&'static str],
 ) -> Result<Diagnosis, DynamicsError> {
+    diagnose_while(samples, settings, barred, &Steps::default())
+}
+
+/// The same with no other search once there have been enough `steps`.
+pub(super) fn diagnose_while(
+    samples: &JointSamples,
+    settings: &MotionSettings,
+    barred: &[&'static str],
+    steps: &Steps,
+) -> Result<Diagnosis, DynamicsError> {
     let mut first = First::Any;
-    let mut best = searched(samples, settings, barred, first)?;
+    let mut best = searched(samples, settings, barred, first, steps)?;
     let loaded = |found: &Diagnosis| found.effects.iter().any(|e| is_a_load(&e.found));
-    if best.is_far() && !has_a_closer(&best) {
-        let other = shown(with_a_load(samples, settings, barred, &best.came_to))?.flatten();
+    if best.is_far() && !has_a_closer(&best) && !steps.are_enough() {
+        let other = with_a_load(samples, settings, barred, &best.came_to, steps);
+        let other = shown(other)?.flatten();
         if let Some(other) = other
             && loaded(&other)
             && other.model.held_out_rms < RIVAL_BELOW * best.model.held_out_rms
@@ -64,11 +77,11 @@ pub fn diagnose_without(
         let is_suspect = |effect: &NamedEffect| effect.found.kind.name == suspect;
         let named =
             best.effects.iter().any(is_suspect) || suspect == TIME_LAG.name && best.lag_s.is_some();
-        if !named || !best.is_far() {
+        if !named || !best.is_far() || steps.are_enough() {
             continue;
         }
         barred.push(suspect);
-        let Some(without) = shown(searched(samples, settings, &barred, first))? else {
+        let Some(without) = shown(searched(samples, settings, &barred, first, steps))? else {
             barred.pop();
             continue;
         };
@@ -120,14 +133,15 @@ fn searched(
     settings: &MotionSettings,
     barred: &[&'static str],
     first: First,
+    steps: &Steps,
 ) -> Result<Diagnosis, DynamicsError> {
-    let mut state = begun(samples, settings, barred)?;
+    let mut state = begun(samples, settings, barred, steps)?;
     if first == First::Load {
         state.begin_with_a_load()?;
     }
     let found = state.complete()?;
     without_doubted(found, barred, |barred| {
-        searched(samples, settings, barred, first)
+        searched(samples, settings, barred, first, steps)
     })
 }
 
@@ -155,8 +169,9 @@ fn with_a_load(
     settings: &MotionSettings,
     barred: &[&'static str],
     other: &CameTo,
+    steps: &Steps,
 ) -> Result<Option<Diagnosis>, DynamicsError> {
-    let mut state = begun(samples, settings, barred)?;
+    let mut state = begun(samples, settings, barred, steps)?;
     if !state.bank.iter().any(|one| is_smooth_load(one.kind)) {
         return Ok(None);
     }
@@ -169,7 +184,7 @@ fn with_a_load(
         return Ok(None);
     }
     let found = state.go_on()?;
-    let again = |barred: &[&'static str]| searched(samples, settings, barred, First::Load);
+    let again = |barred: &[&'static str]| searched(samples, settings, barred, First::Load, steps);
     without_doubted(found, barred, again).map(Some)
 }
 
@@ -189,6 +204,7 @@ fn begun(
     samples: &JointSamples,
     settings: &MotionSettings,
     barred: &[&'static str],
+    steps: &Steps,
 ) -> Result<State, DynamicsError> {
     // What free air shows of a lag needs no search.
     let late = samples.aside.late.filter(is_seen);
@@ -197,7 +213,7 @@ fn begun(
     if let Some((late, _)) = late {
         samples = samples.with_effort_earlier(late);
     }
-    let mut state = State::new(samples, *settings)?;
+    let mut state = State::new(samples, *settings, steps.clone())?;
     state.lag = late.map(|(late, _)| (late, 0.0));
     state
         .bank

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use super::confirm::shown;
+use super::diagnosis::Refused;
 use super::gates::{gives, most_of};
 use super::model::{Found, grid_points, is_load, object_of, signs_hold};
 use super::scan::{Look, look};
 use super::score::{Outcome, Problem};
-use super::search::{Refused, State};
+use super::search::State;
 use super::shapes::{ENOUGH, ENOUGH_AT_LAST, moments, polished};
 use super::start::UNASKED;
 use crate::dynamics::DynamicsError;

@@ -4,8 +4,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::confirm::shown;
+use super::diagnosis::Diagnosis;
 use super::model::{Found, RIGID, beside_rigid};
-use super::search::Diagnosis;
 use super::spread::{SHOWN_BELOW, by_closed_end, wander};
 use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::{DynamicsError, Shaped, fit_shapes, model_with};

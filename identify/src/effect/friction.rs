@@ -38,10 +38,15 @@ pub const STRIBECK: Kind = Kind {
             .map(|v| vec![v])
             .collect()
     },
-    series: |scope, shape| vec![scope.by_state(|_, dq, s| s / (1.0 + (dq / shape[0]).powi(2)))],
-    at: Some(|shape, _, dq| [sign(dq) / (1.0 + (dq / shape[0]).powi(2)), 0.0]),
+    series: |scope, shape| vec![scope.by_state(|_, dq, s| s * falling(shape[0], dq))],
+    at: Some(|shape, _, dq| [sign(dq) * falling(shape[0], dq), 0.0]),
     separate: "slow steady strokes at a few speeds below the typical one",
 };
+
+/// Share of the extra friction that is left at the velocity `dq`.
+pub(crate) fn falling(speed: f64, dq: f64) -> f64 {
+    1.0 / (1.0 + (dq / speed).powi(2))
+}
 
 /// The speed below which the joint is for 95 % of the time.
 fn usual_speed(scope: &Scope<'_>) -> f64 {

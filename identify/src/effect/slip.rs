@@ -12,6 +12,8 @@ const SIDE_S: f64 = 0.06;
 /// A jump is so many times what the path usually does in that time, and this share of the range.
 const LEAST: f64 = 6.5;
 const LEAST_WAY: f64 = 0.002;
+/// One of so many times is plain to see, whatever the effort says.
+const PLAIN: f64 = 2.0 * LEAST;
 /// Two jumps are so far apart, s: gap and side reach as far as that where a slip lasts as long as slips do.
 const BETWEEN_S: f64 = 0.22;
 /// A slip takes about twice that, s.
@@ -73,6 +75,11 @@ pub(crate) fn slides(slips: &[Slip], t: f64) -> bool {
     slips.iter().any(|slip| (t - slip.at).abs() < SLIDES_S)
 }
 
+/// Whether one of them is plain to see in the pose.
+pub(crate) fn is_plain(slips: &[Slip]) -> bool {
+    slips.iter().any(|slip| slip.times_usual > PLAIN)
+}
+
 /// Share of a slip's way that is gone `t` after its instant, s.
 pub(crate) fn gone(t: f64) -> f64 {
     (0.5 + t / (2.0 * GOES_S)).clamp(0.0, 1.0)
@@ -101,6 +108,7 @@ pub(crate) fn all(motion: &Motion, beside: &[Vec<f64>], slid: &[Slid]) -> Vec<Sl
                 at: slid.at,
                 across: 0.0,
                 along: slid.along,
+                times_usual: 0.0,
             }),
         }
     }
@@ -156,6 +164,7 @@ fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
             at: near.map(|k| sizes[k] / total * motion.time[k]).sum(),
             across: ways[i],
             along: 0.0,
+            times_usual: sizes[i],
         }
     };
     taken.into_iter().map(slip).collect()
@@ -236,5 +245,6 @@ mod tests {
         assert_eq!(at.len(), 1, "{at:?}");
         assert!((at[0].at - 11.0).abs() < 0.03, "{at:?}");
         assert!((at[0].across - 0.006).abs() < 0.001, "{at:?}");
+        assert!(is_plain(&at), "{at:?}");
     }
 }

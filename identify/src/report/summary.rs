@@ -394,12 +394,19 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
         _ => fitted
             .iter()
             .map(|&i| {
-                let text = size(value(i), terms[i].std, &terms[i].unit);
+                let std = terms[i].std.filter(|std| *std > AT_RANDOM * value(i).abs());
+                let text = match std {
+                    Some(std) => format!("unknown (± {} {})", figure(std), terms[i].unit),
+                    None => size(value(i), terms[i].std, &terms[i].unit),
+                };
                 format!("{} {text}", name(i))
             })
             .collect(),
     }
 }
+
+/// A size that is uncertain by so many times itself is none: that of a damper at speeds at which it never was.
+const AT_RANDOM: f64 = 100.0;
 
 /// The sizes of an effect where none of them is told from nothing: all less than twice as large as uncertain.
 pub(super) fn undecided(effect: &EffectEntry) -> Option<String> {
@@ -493,6 +500,10 @@ mod tests {
         );
         assert_eq!(undecided(&zone(3.9, -6.1)), None);
         assert_eq!(undecided(&zone(-4.1, 0.0)), None);
+        assert_eq!(
+            sizes_of(&zone(3.9, 0.02)),
+            ["damping 3.9 ± 2.0 N s/m", "beyond unknown (± 3.000 N s/m)"]
+        );
         // A slip has no size that was fitted.
         assert_eq!(undecided(&effect(&[("length", 0.002, None, "m")], 0)), None);
     }
