@@ -243,7 +243,7 @@ fn confirmed_diagnosis(
             let named = |name| diagnosis.effects.iter().any(|e| e.found.kind.name == name);
             earlier.retain(|known| !diagnosis.refused.contains(known) && !named(known.name));
             diagnosis.refused.extend(earlier);
-            add_stiction(&mut diagnosis, &mut confirmed, &others, settings)?;
+            add_stiction(&mut diagnosis, &mut confirmed, &others, settings, &barred)?;
             return Ok((diagnosis, confirmed));
         }
         // What was refused after the first may have been so for want of it only.

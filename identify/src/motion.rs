@@ -181,8 +181,8 @@ pub struct Slip {
     pub across: f64,
     /// How far along it, as far as it is known.
     pub along: f64,
-    /// How many times what the pose usually goes across the path in that time; 0 where the effort alone shows the slip.
-    pub times_usual: f64,
+    /// Whether the pose shows it whatever the effort says.
+    pub is_plain: bool,
 }
 
 const MIN_RUN_S: f64 = 1.0;

@@ -22,11 +22,11 @@ pub(super) struct Median {
 /// What the joint took to break away beyond what it took to slide from there on.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Breakaway {
-    /// Beyond sliding, as it left rest: N m or N.
-    pub(super) excess: Median,
+    /// Beyond sliding, as it left rest, if that is gone at once: N m or N.
+    pub(super) at_once: Median,
     /// Sliding friction there, the median: N m or N.
     pub(super) sliding: f64,
-    /// The same were it to fall with the speed and not at once, by [`RATES`].
+    /// If it falls with the speed, by [`RATES`].
     pub(super) falls: Vec<Fall>,
 }
 
@@ -35,6 +35,8 @@ pub(super) struct Breakaway {
 pub(super) struct Fall {
     /// Speed by which half of it is gone, rad/s or m/s.
     pub(super) speed: f64,
+    /// Beyond sliding, as it left rest: N m or N. Taken for gone at once it would look larger.
+    pub(super) excess: Median,
     /// Logarithm of the squared error about a rest without the fall over that with it.
     pub(super) gain: Median,
 }
@@ -49,6 +51,8 @@ const LEAVES_S: [f64; 2] = [0.1, 0.02];
 const TOLD_S: f64 = 0.06;
 /// What it took to leave by a straight line through the effort of so long before, s.
 const LINE_S: f64 = 0.04;
+/// of so many samples.
+const LEAST_LINE: usize = 3;
 /// It has left when it is this share of the range away after so long, s.
 const LEFT: f64 = 0.01;
 const AFTER_S: f64 = 0.15;
@@ -89,36 +93,43 @@ impl Breakaway {
         slow_speed: f64,
     ) -> Option<Self> {
         let sliding = Sliding::of(motion, found, theta);
+        if sliding.samples(LINE_S) < LEAST_LINE {
+            return None;
+        }
         let edges = edges(motion);
         let (leaves, comes): (Vec<&Edge>, Vec<&Edge>) = edges.iter().partition(|edge| edge.leaves);
         // Squared errors about each edge, and the median excess.
         let with = |speed: Option<f64>| {
-            let left: Vec<[f64; 2]> = leaves
+            let mut told: Vec<Told> = leaves
                 .iter()
                 .map(|edge| sliding.told(edge, speed, None))
                 .collect();
-            let excesses: Vec<f64> = left.iter().map(|[_, excess]| *excess).collect();
-            let excess = Median::of(&excesses);
-            let came = comes
-                .iter()
-                .map(|edge| sliding.told(edge, speed, excess.map(|e| e.value))[0]);
-            let errors: Vec<f64> = left.iter().map(|[error, _]| *error).chain(came).collect();
-            (excess, errors)
+            let excesses: Vec<f64> = told.iter().map(|told| told.excess).collect();
+            let excess = Median::of(&excesses)?;
+            let came = comes.iter();
+            told.extend(came.map(|edge| sliding.told(edge, speed, Some(excess.value))));
+            let errors: Vec<f64> = told.iter().map(|told| told.error).collect();
+            Some((excess, errors))
         };
-        let (excess, at_once) = with(None);
+        let (at_once, without) = with(None)?;
         let fall = |rate: &f64| {
             let speed = rate * slow_speed;
-            let (_, errors) = with(Some(speed));
-            let pairs = at_once.iter().zip(errors);
+            let (excess, with) = with(Some(speed))?;
+            let pairs = without.iter().zip(with);
             let gains: Vec<f64> = pairs.map(|(without, with)| (without / with).ln()).collect();
-            Median::of(&gains).map(|gain| Fall { speed, gain })
+            let gain = Median::of(&gains)?;
+            Some(Fall {
+                speed,
+                excess,
+                gain,
+            })
         };
         let levels: Vec<f64> = leaves
             .iter()
             .map(|edge| edge.way * (sliding.at(edge.at, edge.way) - sliding.load(edge.at)))
             .collect();
-        excess.map(|excess| Self {
-            excess,
+        Some(Self {
+            at_once,
             sliding: quantile(&levels, 0.5),
             falls: RATES.iter().filter_map(fall).collect(),
         })
@@ -128,15 +139,16 @@ impl Breakaway {
     pub(super) fn with<'a>(&self, others: impl Iterator<Item = &'a Self>) -> Self {
         others.fold(self.clone(), |all, one| {
             let both = all.falls.iter().zip(&one.falls);
-            let count = (all.excess.count + one.excess.count) as f64;
-            let [of_all, of_one] = [&all, one].map(|part| part.excess.count as f64 / count);
+            let count = (all.at_once.count + one.at_once.count) as f64;
+            let [of_all, of_one] = [&all, one].map(|part| part.at_once.count as f64 / count);
             Self {
-                excess: all.excess.with(one.excess),
+                at_once: all.at_once.with(one.at_once),
                 sliding: of_all * all.sliding + of_one * one.sliding,
                 falls: both
                     .map(|(all, one)| Fall {
+                        speed: all.speed,
+                        excess: all.excess.with(one.excess),
                         gain: all.gain.with(one.gain),
-                        ..*all
                     })
                     .collect(),
             }
@@ -188,12 +200,15 @@ fn edges(motion: &Motion) -> Vec<Edge> {
                 if !inside || start < run.start || end >= run.end {
                     continue;
                 }
-                let way = motion.q[end] - motion.q[start];
-                if way.abs() >= LEFT * (high - low) {
+                let moved = motion.q[end] - motion.q[start];
+                let way = moved.signum();
+                // What it does when it turns or rests again is none of this edge's.
+                let goes_on = motion.dq[start..=end].iter().all(|dq| way * dq > 0.0);
+                if goes_on && moved.abs() >= LEFT * (high - low) {
                     out.push(Edge {
                         leaves,
                         at,
-                        way: way.signum(),
+                        way,
                         rests,
                         run: run.clone(),
                     });
@@ -211,6 +226,16 @@ struct Sliding<'a> {
     theta: &'a [f64],
     /// Effects that are no function of the state, as they are at each sample were it to slide forward, and backward.
     rest: [Vec<f64>; 2],
+    /// Inertia, which may change in the course of the recording.
+    inertia: Vec<f64>,
+}
+
+/// What the motion about an edge says.
+struct Told {
+    /// What it leaves of the effort, squared.
+    error: f64,
+    /// What it took beyond sliding, or was known.
+    excess: f64,
 }
 
 impl<'a> Sliding<'a> {
@@ -222,7 +247,7 @@ impl<'a> Sliding<'a> {
             let mut at = 3;
             for found in found {
                 let terms = found.terms().count();
-                if found.kind.at.is_none() {
+                if found.kind.at.is_none() && !found.is_inertia() {
                     let series = found.series(&slides);
                     for (series, theta) in series.iter().zip(&theta[at..at + terms]) {
                         for (rest, value) in rest.iter_mut().zip(series) {
@@ -234,11 +259,22 @@ impl<'a> Sliding<'a> {
             }
             rest
         });
+        let mut inertia = vec![theta[0]; motion.q.len()];
+        let mut at = 3;
+        for found in found {
+            let terms = found.terms().count();
+            let more = found.inertia(motion, &theta[at..at + terms]);
+            for (inertia, more) in inertia.iter_mut().zip(more) {
+                *inertia += more;
+            }
+            at += terms;
+        }
         Self {
             motion,
             found,
             theta,
             rest,
+            inertia,
         }
     }
 
@@ -281,7 +317,7 @@ impl<'a> Sliding<'a> {
     /// While it moves, the effort beyond sliding is what inertia and viscous friction take, and what falls with the `speed` where that is so. The
     /// instant of the edge is the one at which both are most alike through the same smoothing; the effort itself, which is not smoothed, then has
     /// what it took. The peak of the smoothed one would be lower by a third.
-    fn told(&self, edge: &Edge, speed: Option<f64>, known: Option<f64>) -> [f64; 2] {
+    fn told(&self, edge: &Edge, speed: Option<f64>, known: Option<f64>) -> Told {
         let motion = self.motion;
         let weights = motion.smoothing();
         let reach = weights.len() / 2;
@@ -301,12 +337,15 @@ impl<'a> Sliding<'a> {
             let to = edge.at + rested;
             ((start..=to).collect(), edge.at - moved..=to)
         };
-        let (theta, mut sums) = (self.theta, vec![[0.0; 2]; told.len()]);
+        let mut sums = vec![[0.0; 2]; told.len()];
         let carried: Vec<f64> = told
             .clone()
-            .map(|j| edge.way * (theta[0] * motion.ddq[j] + theta[2] * motion.dq[j]))
+            .map(|j| edge.way * (self.inertia[j] * motion.ddq[j] + self.theta[2] * motion.dq[j]))
             .collect();
-        let mut best = [f64::INFINITY, 0.0];
+        let mut best = Told {
+            error: f64::INFINITY,
+            excess: 0.0,
+        };
         for k in order {
             let moves = [beyond(k), speed.map_or(0.0, |speed| falling(speed, dq(k)))];
             for (sums, j) in sums.iter_mut().zip(told.clone()) {
@@ -324,8 +363,8 @@ impl<'a> Sliding<'a> {
             let error = left
                 .map(|([moves, falls], carried)| (moves - excess * falls - carried).powi(2))
                 .sum();
-            if error < best[0] {
-                best = [error, excess];
+            if error < best.error {
+                best = Told { error, excess };
             }
         }
         best

@@ -327,7 +327,7 @@ impl State {
             ambiguous_with: Vec::new(),
             spread: DMatrix::zeros(0, 0),
         };
-        let is_seen = slip::is_plain(slips) || moved > LEAST_SIZE * self.floor.rms;
+        let is_seen = slips.iter().any(|slip| slip.is_plain) || moved > LEAST_SIZE * self.floor.rms;
         Ok(is_seen.then_some(effect))
     }
 

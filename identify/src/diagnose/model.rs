@@ -67,9 +67,14 @@ impl Found {
             && self.datum == other.datum
     }
 
+    /// Whether its effort goes with the acceleration.
+    pub(super) fn is_inertia(&self) -> bool {
+        self.kind.is(&PAYLOAD_SWITCH)
+    }
+
     /// What its effort grows by per unit of the acceleration at each sample of a motion, with `theta` for the used terms.
-    fn inertia(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
-        let (true, Some(more)) = (self.kind.is(&PAYLOAD_SWITCH), theta.first()) else {
+    pub(super) fn inertia(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
+        let (true, Some(more)) = (self.is_inertia(), theta.first()) else {
             return vec![0.0; motion.q.len()];
         };
         let since = |t: &f64| if *t >= self.shape[0] { *more } else { 0.0 };

@@ -282,6 +282,8 @@ impl State {
             let left = self.error()?;
             if left > error {
                 self.put_back(as_was);
+                self.given_up.push(name);
+                return Ok(false);
             }
             if left > GAINED_BELOW * error {
                 self.given_up.push(name);

@@ -66,7 +66,8 @@ pub(crate) fn diagnose_rid_of_slips(
     let first = diagnose_while(samples, settings, barred, steps)?;
     let most = MOST_LEFT * first.floor.rms;
     let mut rounds: Vec<(Diagnosis, JointSamples)> = Vec::new();
-    while rounds.len() < ROUNDS && !steps.are_enough() {
+    // Slips may be why the first search went far.
+    while rounds.is_empty() || rounds.len() < ROUNDS && !steps.are_enough() {
         let (last, seen) = rounds
             .last()
             .map_or((&first, samples), |(last, seen)| (last, seen));

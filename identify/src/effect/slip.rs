@@ -12,7 +12,7 @@ const SIDE_S: f64 = 0.06;
 /// A jump is so many times what the path usually does in that time, and this share of the range.
 const LEAST: f64 = 6.5;
 const LEAST_WAY: f64 = 0.002;
-/// One of so many times is plain to see, whatever the effort says.
+/// One of so many times is plain to see, whatever the effort says, where they do not come back: who is pushed gives and comes back.
 const PLAIN: f64 = 2.0 * LEAST;
 /// Two jumps are so far apart, s: gap and side reach as far as that where a slip lasts as long as slips do.
 const BETWEEN_S: f64 = 0.22;
@@ -75,11 +75,6 @@ pub(crate) fn slides(slips: &[Slip], t: f64) -> bool {
     slips.iter().any(|slip| (t - slip.at).abs() < SLIDES_S)
 }
 
-/// Whether one of them is plain to see in the pose.
-pub(crate) fn is_plain(slips: &[Slip]) -> bool {
-    slips.iter().any(|slip| slip.times_usual > PLAIN)
-}
-
 /// Share of a slip's way that is gone `t` after its instant, s.
 pub(crate) fn gone(t: f64) -> f64 {
     (0.5 + t / (2.0 * GOES_S)).clamp(0.0, 1.0)
@@ -108,7 +103,7 @@ pub(crate) fn all(motion: &Motion, beside: &[Vec<f64>], slid: &[Slid]) -> Vec<Sl
                 at: slid.at,
                 across: 0.0,
                 along: slid.along,
-                times_usual: 0.0,
+                is_plain: false,
             }),
         }
     }
@@ -151,7 +146,8 @@ fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
     let sum = |steps: &Vec<f64>| taken.iter().map(|i| steps[*i]).sum::<f64>();
     let came = steps.iter().map(sum).fold(0.0, f64::hypot);
     let at_turns = 2 * taken.iter().filter(turns).count() > taken.len();
-    if taken.len() >= SOME && at_turns && came < BACK * went {
+    let comes_back = came < BACK * went;
+    if taken.len() >= SOME && at_turns && comes_back {
         return Vec::new();
     }
     taken.sort_unstable();
@@ -164,7 +160,7 @@ fn jumps(motion: &Motion, beside: &[Vec<f64>]) -> Vec<Slip> {
             at: near.map(|k| sizes[k] / total * motion.time[k]).sum(),
             across: ways[i],
             along: 0.0,
-            times_usual: sizes[i],
+            is_plain: sizes[i] > PLAIN && !comes_back,
         }
     };
     taken.into_iter().map(slip).collect()
@@ -245,6 +241,12 @@ mod tests {
         assert_eq!(at.len(), 1, "{at:?}");
         assert!((at[0].at - 11.0).abs() < 0.03, "{at:?}");
         assert!((at[0].across - 0.006).abs() < 0.001, "{at:?}");
-        assert!(is_plain(&at), "{at:?}");
+        assert!(at[0].is_plain, "{at:?}");
+        let pushed = |t: &f64| wander(t) + if (11.0..11.6).contains(t) { 0.006 } else { 0.0 };
+        let at = found(time.iter().map(pushed).collect());
+        assert!(
+            at.len() == 2 && at.iter().all(|slip| !slip.is_plain),
+            "{at:?}"
+        );
     }
 }

@@ -394,10 +394,14 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
         _ => fitted
             .iter()
             .map(|&i| {
-                let std = terms[i].std.filter(|std| *std > AT_RANDOM * value(i).abs());
-                let text = match std {
-                    Some(std) => format!("unknown (± {} {})", figure(std), terms[i].unit),
-                    None => size(value(i), terms[i].std, &terms[i].unit),
+                let alike = fitted.iter().filter(|&&j| terms[j].unit == terms[i].unit);
+                let largest = alike.clone().map(|&j| value(j).abs()).fold(0.0, f64::max);
+                let at_random =
+                    alike.count() > 1 && terms[i].std.is_some_and(|std| std > AT_RANDOM * largest);
+                let text = if at_random {
+                    "unknown".to_owned()
+                } else {
+                    size(value(i), terms[i].std, &terms[i].unit)
                 };
                 format!("{} {text}", name(i))
             })
@@ -405,7 +409,7 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
     }
 }
 
-/// A size that is uncertain by so many times itself is none: that of a damper at speeds at which it never was.
+/// A size that is uncertain by so many times the effect's largest of its unit is none: that of a damper at speeds at which it never was.
 const AT_RANDOM: f64 = 100.0;
 
 /// The sizes of an effect where none of them is told from nothing: all less than twice as large as uncertain.
@@ -500,9 +504,12 @@ mod tests {
         );
         assert_eq!(undecided(&zone(3.9, -6.1)), None);
         assert_eq!(undecided(&zone(-4.1, 0.0)), None);
+        let mut never_there = zone(3.9, 0.02);
+        assert_eq!(sizes_of(&never_there)[1], "beyond 0.0 ± 3.0 N s/m");
+        never_there.terms[1].std = Some(1.2e4);
         assert_eq!(
-            sizes_of(&zone(3.9, 0.02)),
-            ["damping 3.9 ± 2.0 N s/m", "beyond unknown (± 3.000 N s/m)"]
+            sizes_of(&never_there),
+            ["damping 3.9 ± 2.0 N s/m", "beyond unknown"]
         );
         // A slip has no size that was fitted.
         assert_eq!(undecided(&effect(&[("length", 0.002, None, "m")], 0)), None);
