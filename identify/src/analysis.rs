@@ -219,6 +219,7 @@ fn confirmed_diagnosis(
     let mut best = None;
     let mut least = f64::INFINITY;
     let steps = Steps::default();
+    let mut unconfirmed: Vec<&'static str> = Vec::new();
     loop {
         // Slips seen beside a model that was refused may be none.
         let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred, &steps)?;
@@ -232,6 +233,7 @@ fn confirmed_diagnosis(
             let there = |e: &NamedEffect| e.found.kind.name == refused.name;
             refused.name != SLIP.name && !diagnosis.effects.iter().any(there)
         });
+        unconfirmed.extend(refused.iter().map(|refused| refused.name));
         // A search that begins anew may end in a worse place than the one before it did without what was refused.
         let error = diagnosis.model.held_out_rms;
         least = least.min(error);
@@ -243,7 +245,13 @@ fn confirmed_diagnosis(
             let named = |name| diagnosis.effects.iter().any(|e| e.found.kind.name == name);
             earlier.retain(|known| !diagnosis.refused.contains(known) && !named(known.name));
             diagnosis.refused.extend(earlier);
-            add_stiction(&mut diagnosis, &mut confirmed, &others, settings, &barred)?;
+            add_stiction(
+                &mut diagnosis,
+                &mut confirmed,
+                &others,
+                settings,
+                &unconfirmed,
+            )?;
             return Ok((diagnosis, confirmed));
         }
         // What was refused after the first may have been so for want of it only.

@@ -21,7 +21,10 @@ use crate::samples::{JointSamples, extrema};
 pub struct Confirmation {
     /// Its file.
     pub file: String,
-    /// Before and after each effect, in their order.
+    /// Lag of its effort that was taken out, s.
+    pub lag_s: f64,
+    /// Before and after each effect, in their order: with the first recording's numbers, at samples that it has probed, too; what is read off rests
+    /// is fitted there, over all samples.
     pub rms: Vec<[f64; 2]>,
     /// Residual over effort of the model with all effects.
     pub relative_error: f64,
@@ -172,6 +175,7 @@ pub fn confirm(
         let there = shown(fit_found(&ground.motion, &all))?;
         out.push(Confirmation {
             file: (*file).clone(),
+            lag_s: shifts[number],
             rms: pairs,
             relative_error: last / rms(&ground.y).max(f64::MIN_POSITIVE),
             share: shares.get(number).copied().unwrap_or(1.0),

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Steps(Arc<AtomicUsize>);
 
-/// After so many no other search is begun, save one without what a search doubts and the first one rid of slips: a search that comes to a model takes eight, mostly, and none of 300 sealed draws that ended `explained`
-/// took more than 23 in all.
+/// After so many no other search is begun. A search without what the last one doubts, and the first that is rid of slips, are made all the same.
+/// One search takes eight, mostly, and none of 300 sealed draws that ended `explained` took more than 23 in all.
 const MOST: usize = 28;
 
 impl Steps {

@@ -395,9 +395,9 @@ fn sizes_of(effect: &EffectEntry) -> Vec<String> {
             .iter()
             .map(|&i| {
                 let alike = fitted.iter().filter(|&&j| terms[j].unit == terms[i].unit);
-                let largest = alike.clone().map(|&j| value(j).abs()).fold(0.0, f64::max);
-                let at_random =
-                    alike.count() > 1 && terms[i].std.is_some_and(|std| std > AT_RANDOM * largest);
+                let largest = alike.map(|&j| value(j).abs()).fold(0.0, f64::max);
+                let at_random = value(i).abs() < largest
+                    && terms[i].std.is_some_and(|std| std > AT_RANDOM * largest);
                 let text = if at_random {
                     "unknown".to_owned()
                 } else {
