@@ -3,7 +3,7 @@
 
 use core::ops::Range;
 
-use super::model::Found;
+use super::model::{Found, RIGID, slopes_of};
 use crate::effect::friction::falling;
 use crate::effect::slip;
 use crate::motion::Motion;
@@ -244,7 +244,7 @@ impl<'a> Sliding<'a> {
             let mut rest = vec![0.0; motion.q.len()];
             let mut slides = motion.clone();
             slides.sign.fill(way);
-            let mut at = 3;
+            let mut at = RIGID;
             for found in found {
                 let terms = found.terms().count();
                 if found.kind.at.is_none() && !found.is_inertia() {
@@ -259,15 +259,9 @@ impl<'a> Sliding<'a> {
             }
             rest
         });
-        let mut inertia = vec![theta[0]; motion.q.len()];
-        let mut at = 3;
-        for found in found {
-            let terms = found.terms().count();
-            let more = found.inertia(motion, &theta[at..at + terms]);
-            for (inertia, more) in inertia.iter_mut().zip(more) {
-                *inertia += more;
-            }
-            at += terms;
+        let mut inertia = slopes_of(motion, found, theta).inertia;
+        for inertia in &mut inertia {
+            *inertia += theta[0];
         }
         Self {
             motion,
@@ -292,7 +286,7 @@ impl<'a> Sliding<'a> {
         let q = self.motion.q[i];
         let rest = &self.rest[usize::from(dq < 0.0)];
         let mut sum = self.theta[1] * dq.signum() + rest[i];
-        let mut at = 3;
+        let mut at = RIGID;
         for found in self.found {
             let terms = found.terms().count();
             if let Some(state) = found.kind.at {

@@ -73,7 +73,7 @@ impl Found {
     }
 
     /// What its effort grows by per unit of the acceleration at each sample of a motion, with `theta` for the used terms.
-    pub(super) fn inertia(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
+    fn inertia(&self, motion: &Motion, theta: &[f64]) -> Vec<f64> {
         let (true, Some(more)) = (self.is_inertia(), theta.first()) else {
             return vec![0.0; motion.q.len()];
         };
