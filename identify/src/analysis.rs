@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use self::full::with_mechanism;
 use crate::diagnose::{
-    Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, Steps,
+    Confirmation, Diagnosis, Evidence, Found, LEAST_FLOOR, NamedEffect, Refused, Steps, Stiction,
     add_stiction, beside_rigid, confirm, diagnose_rid_of_slips, evidence, floor_of, gives,
     others_rid_of_slips, shown, state_forms, state_spread, take_from_both,
 };
@@ -137,8 +137,9 @@ pub fn analyse_confirmed(
     others: &[(String, JointSamples)],
 ) -> Result<Analysis, DynamicsError> {
     let asked = settings;
-    let settings = &asked.quiet_for(samples, others.iter().map(|(_, other)| other))?;
-    let (mut diagnosis, mut confirmed) = confirmed_diagnosis(samples, settings, others)?;
+    let settings = asked.quiet_for(samples, others.iter().map(|(_, other)| other))?;
+    let (mut diagnosis, mut confirmed, settings) = confirmed_diagnosis(samples, settings, others)?;
+    let settings = &settings;
     let lag = aligned(&mut diagnosis, settings)?;
     leave_out_turns(&mut diagnosis)?;
     drop_useless(&mut diagnosis, &mut confirmed)?;
@@ -181,7 +182,7 @@ pub fn analyse_confirmed(
         verdict,
         unexplained_fraction,
         settings: *settings,
-        cutoff_lowered: settings != asked,
+        cutoff_lowered: settings.cutoff_hz < asked.cutoff_hz,
         used: motion.kept.len(),
         gated: motion.gated.clone(),
         probing: FitSeries {
@@ -208,21 +209,52 @@ pub fn analyse_confirmed(
     })
 }
 
-/// Looks, asks the other recordings, and looks again without the first that they refused: something else may stand in its place.
+/// As [`asked_of_others`], and gives how the motion was prepared: where the joint leaves rest with a jerk and what is left while it slides has no name,
+/// the search is made anew without turns, about which friction is not what any effect says. That stays where it then names what holds the joint.
 fn confirmed_diagnosis(
+    samples: &JointSamples,
+    settings: MotionSettings,
+    others: &[(String, JointSamples)],
+) -> Result<(Diagnosis, Vec<Confirmation>, MotionSettings), DynamicsError> {
+    let (steps, mut unconfirmed) = (Steps::default(), Vec::new());
+    let mut asked = |settings| asked_of_others(samples, settings, others, &steps, &mut unconfirmed);
+    let (diagnosis, confirmed, stiction) = asked(&settings)?;
+    if stiction == Stiction::BesideMore && !settings.turns_left_out && !steps.are_enough() {
+        let between = MotionSettings {
+            turns_left_out: true,
+            ..settings
+        };
+        if let Some((mut again, confirmed, Stiction::Named)) = shown(asked(&between))? {
+            let mut known = diagnosis.refused;
+            known.retain(|old| {
+                let same = |name| name == old.name;
+                unconfirmed.contains(&old.name)
+                    && !again.refused.iter().any(|refused| same(refused.name))
+                    && !again.effects.iter().any(|e| same(e.found.kind.name))
+            });
+            again.refused.extend(known);
+            return Ok((again, confirmed, between));
+        }
+    }
+    Ok((diagnosis, confirmed, settings))
+}
+
+/// Looks, asks the other recordings, and looks again without the first that they refused: something else may stand in its place. What they refused comes
+/// to the `unconfirmed`.
+fn asked_of_others(
     samples: &JointSamples,
     settings: &MotionSettings,
     others: &[(String, JointSamples)],
-) -> Result<(Diagnosis, Vec<Confirmation>), DynamicsError> {
+    steps: &Steps,
+    unconfirmed: &mut Vec<&'static str>,
+) -> Result<(Diagnosis, Vec<Confirmation>, Stiction), DynamicsError> {
     let mut barred: Vec<&'static str> = Vec::new();
     let (samples, mut earlier) = confirmed_change(samples, others);
     let mut best = None;
     let mut least = f64::INFINITY;
-    let steps = Steps::default();
-    let mut unconfirmed: Vec<&'static str> = Vec::new();
     loop {
         // Slips seen beside a model that was refused may be none.
-        let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred, &steps)?;
+        let mut diagnosis = diagnose_rid_of_slips(&samples, settings, &barred, steps)?;
         let others = others_rid_of_slips(&diagnosis, others, settings)?;
         let known = diagnosis.refused.clone();
         let confirmed = confirm(&mut diagnosis, &others, settings)?;
@@ -245,14 +277,14 @@ fn confirmed_diagnosis(
             let named = |name| diagnosis.effects.iter().any(|e| e.found.kind.name == name);
             earlier.retain(|known| !diagnosis.refused.contains(known) && !named(known.name));
             diagnosis.refused.extend(earlier);
-            add_stiction(
+            let stiction = add_stiction(
                 &mut diagnosis,
                 &mut confirmed,
                 &others,
                 settings,
-                &unconfirmed,
+                unconfirmed,
             )?;
-            return Ok((diagnosis, confirmed));
+            return Ok((diagnosis, confirmed, stiction));
         }
         // What was refused after the first may have been so for want of it only.
         best = Some((diagnosis, confirmed, others));

@@ -45,5 +45,5 @@ pub(crate) use slid::{diagnose_rid_of_slips, others_rid_of_slips};
 pub(crate) use spread::state_spread;
 pub use start::{diagnose, diagnose_without};
 pub(crate) use steps::Steps;
-pub(crate) use stiction::add_stiction;
+pub(crate) use stiction::{Stiction, add_stiction};
 pub(crate) use together::take_from_both;

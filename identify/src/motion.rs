@@ -48,6 +48,8 @@ pub struct MotionSettings {
     pub work_rate_hz: f64,
     /// Whether the cut-off may be lowered for a slow motion, see [`MotionSettings::quiet_for`].
     pub gives_way: bool,
+    /// Whether the search, too, lets friction be unknown about turns, as about rests: a joint that breaks away with a jerk is nowhere near sliding there.
+    pub turns_left_out: bool,
 }
 
 impl Default for MotionSettings {
@@ -58,6 +60,7 @@ impl Default for MotionSettings {
             order: 4,
             work_rate_hz: 200.0,
             gives_way: true,
+            turns_left_out: false,
         }
     }
 }
@@ -221,6 +224,9 @@ impl Motion {
                 kept: motion.kept.len(),
                 total,
             });
+        }
+        if settings.turns_left_out {
+            motion.leave_out_turns();
         }
         Ok(motion)
     }

@@ -14,6 +14,7 @@ use self::effects::{EffectEntry, NamedModel, RefusedEntry};
 use crate::analysis::{Analysis, Verdict};
 use crate::digits::figure;
 use crate::dynamics::{Bursts, EffortModel, JointFit, Structure, Term};
+use crate::effect::friction::STRIBECK;
 use crate::effect::library::kind;
 use crate::effort::NonWork;
 use crate::joint_graph::RefinedJoint;
@@ -389,8 +390,15 @@ impl Report {
         (self.effects, self.refused) = effects::entries(analysis);
         for effect in &self.effects {
             if let (Some(size), Some(kind)) = (summary::undecided(effect), kind(effect.name)) {
+                // No search named it: see `add_stiction`.
+                let by_rests = kind.is(&STRIBECK) && effect.p_value == 0.0;
+                let so = if by_rests {
+                    " while it slides: what it takes to leave rest shows that it is there"
+                } else {
+                    ": with another shape, or beside the others, something else may be in its place"
+                };
                 self.notes.push(format!(
-                    "the size of {} is not told from nothing ({size}): with another shape, or beside the others, something else may be in its place; what would tell: {}",
+                    "the size of {} is not told from nothing ({size}){so}; what would tell: {}",
                     effect.name, kind.separate
                 ));
             }
@@ -454,6 +462,12 @@ impl Report {
             self.notes.push(format!(
                 "the motion is so slow that the poses' noise would hide its acceleration: it was smoothed to {hz:.1} Hz; move faster for a better inertia"
             ));
+        }
+        if analysis.settings.turns_left_out {
+            self.notes.push(
+                "the joint leaves rest with a jerk: effects were looked for without its turns"
+                    .to_owned(),
+            );
         }
         if let Some(bursts) = &self.last.bursts {
             self.notes.push(summary::bursts(bursts, self.joint.kind));

@@ -262,11 +262,29 @@ fn what_moves_no_model_is_named_by_what_rests_and_poses_show() {
         // Gone at 18 mm/s.
         (715_100_121, "stribeck"),
         (735_100_179, "slip"),
+        // Twice the sliding friction: the drawer jerks away, and its catch was not found beside that.
+        (745_100_182, "stiction"),
     ] {
         let judged = Pair::of(seed).judged(&[CONFIRM]);
         assert_eq!(judged.truth, [name]);
         assert_eq!((judged.found, judged.wrong.len()), (1, 0), "{judged:?}");
         assert_eq!(judged.verdict, Verdict::Explained, "{judged:?}");
+    }
+}
+
+/// What holds another effect as a special case has more numbers, which fit a little of whatever else there is.
+#[test]
+fn what_has_fewer_numbers_stands_alone_where_more_explain_no_more() {
+    for (seed, name) in [
+        (745_100_124, "grasp_compliance"),
+        (755_100_279, "grasp_compliance"),
+        (735_100_011, "asymmetric_viscous"),
+    ] {
+        let judged = Pair::of(seed).judged(&[CONFIRM]);
+        assert_eq!(judged.truth, [name]);
+        let named = judged.named.iter().find(|entry| entry.0 == name);
+        assert!(named.is_some_and(|entry| entry.1.is_empty()), "{judged:?}");
+        assert!(judged.wrong.is_empty(), "{judged:?}");
     }
 }
 

@@ -4,26 +4,36 @@
 use std::sync::Arc;
 
 use super::confirm::{objects, with_columns};
-use super::diagnosis::{Ambiguity, Diagnosis, NamedEffect, Refused, fit_found};
+use super::diagnosis::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::elsewhere::{datum, error_on, regripped};
-use super::finish::{are_of_one_class, is_play_for_grasp};
-use super::gates::gives;
+use super::finish::{are_of_one_class, is_more_than, is_play_for_grasp};
+use super::gates::{gives, most_of};
 use super::model::{Found, Ground};
+use crate::analysis::EXPLAINED_BELOW;
 use crate::dynamics::DynamicsError;
 
 /// A look-alike is none when, in the place of the effect, it errs more on every confirming recording, and its squared error is so many times that of the
 /// effect in their mean. The first recording has had its say: it chose.
 const APART: f64 = 1.03;
-/// Play is a grasp that gives with a gap besides. Over all recordings, the first one too, it must err less than that in the (geometric) mean, with pads that
-/// each grip has anew as the grasp has them; else nothing speaks for a gap.
-const EVEN: f64 = 1.0;
+/// Nor is it one that errs more on every recording, its squared error so many times that of the effect in the confirming ones' mean (a zero of the coordinate
+/// that is found for the one and not for the other makes 1 %),
+const LEAST_APART: f64 = 1.01;
+/// and as likely to by chance as once in so many times on the confirming ones,
+const ODDS: f64 = 10.0;
+/// and on all together.
+const ODDS_OF_ALL: f64 = 100.0;
+/// What holds another effect as a special case (play is a grasp that gives with a gap besides, a damper's zone may be the whole range) has more free numbers:
+/// its squared error must be less than so many times that of the special case in the (geometric) mean over all recordings, the first one too, where pads are
+/// as each grip has them. Else hardly anything speaks for it, and how pads hit the handle behind a gap is in no model. Simulated grasps that give had 0.97 and
+/// more, and plays 0.94 and less.
+const WORTH_MORE: f64 = 0.96;
 
-/// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them, and play that they show to
-/// be a grasp that gives; this is then refused, and what looks again without it finds a better shape.
+/// Takes back the look-alikes of the effects of `diagnosis` that the confirming recordings `grounds` tell apart from them, and play and zones that they show to
+/// be no more than a special case; these are then refused, and what looks again without them finds a better shape.
 ///
-/// The terms of the model with the look-alike are those that confirm an effect: of the first recording, but for what belongs to each. What no
-/// motion tells apart (a constant and a friction of two sizes), what holds the other as a special case, and what only a part of an
-/// effect may be stays.
+/// The terms of the model with the look-alike are those that confirm an effect: of the first recording, but for what belongs to each. A look-alike stays
+/// where no motion tells it apart (a constant and a friction of two sizes), where one holds the other as a special case, but for play, and where only a part of
+/// an effect may be it.
 pub(super) fn tell_apart<'a>(
     diagnosis: &mut Diagnosis,
     grounds: impl Iterator<Item = &'a Ground> + Clone,
@@ -54,23 +64,28 @@ pub(super) fn tell_apart<'a>(
                 alike.push(one);
                 continue;
             };
-            let ratios: Vec<f64> = its
-                .iter()
-                .zip(&own)
-                .map(|(its, own)| (its / own).powi(2))
-                .collect();
-            let name = found[place].kind.name;
-            if is_play_for_grasp(name, one.name) && geometric_mean(&ratios) <= EVEN {
+            let pairs = its.rms.iter().zip(&own.rms);
+            let ratios: Vec<f64> = pairs.map(|(its, own)| (its / own).powi(2)).collect();
+            let kind = found[place].kind;
+            let beside = with.iter().any(|found| found.kind.is(kind));
+            let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+            // Of what there may be several of another one may be missing.
+            let is_all = most_of(kind) == 1 || !beside && its.rms[0] < EXPLAINED_BELOW * floor;
+            if is_more_than(&found[place], rival) && is_all && is_worth_no_more(&ratios) {
                 diagnosis.refused.retain(|refused| refused.name != one.name);
                 diagnosis.refused.push(Refused {
-                    name,
-                    reason: "a grasp that gives errs no more in the mean over all recordings"
-                        .to_owned(),
-                    held_out_rms: [its[0], own[0]],
+                    name: kind.name,
+                    reason: format!(
+                        "{}, which has fewer numbers, errs hardly more in the mean over all recordings",
+                        one.name
+                    ),
+                    held_out_rms: [its.rms[0], own.rms[0]],
                 });
                 diagnosis.effects[i].found = with[place].clone();
-                (found, own) = (with, its);
-            } else if !is_apart(&one, name, &ratios) {
+                made_anew(diagnosis)?;
+                found = objects(diagnosis);
+                own = errors(diagnosis, &found, grounds.clone())?;
+            } else if !is_apart(one.name, kind.name, &ratios, &own.independent) {
                 alike.push(one);
             }
         }
@@ -79,18 +94,46 @@ pub(super) fn tell_apart<'a>(
     Ok(())
 }
 
-/// Whether the squared errors of the model with a look-alike over those with the effect `name`, of the first recording and of the confirming ones, tell
-/// the two apart.
-fn is_apart(alike: &Ambiguity, name: &'static str, ratios: &[f64]) -> bool {
-    if are_of_one_class(alike.name, name) {
+/// Makes what acts through the object with the object as it now is.
+fn made_anew(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
+    for effect in &mut diagnosis.effects {
+        if gives(effect.found.kind) {
+            effect.found.object = Arc::default();
+        }
+    }
+    diagnosis.refit()
+}
+
+/// Whether the squared errors of the model with a special case over those with what holds it, of all recordings, leave that nothing.
+fn is_worth_no_more(ratios: &[f64]) -> bool {
+    WORTH_MORE * geometric_mean(ratios) <= 1.0
+}
+
+/// Whether the squared errors of the model with the look-alike over those with the effect `name`, of the first recording and of the confirming ones, tell
+/// the two apart; `independent` = samples that each recording's residual is worth.
+fn is_apart(alike: &str, name: &str, ratios: &[f64], independent: &[f64]) -> bool {
+    if are_of_one_class(alike, name) {
         return false;
     }
-    if is_play_for_grasp(alike.name, name) {
-        return geometric_mean(ratios) > EVEN;
+    if is_play_for_grasp(alike, name) {
+        return geometric_mean(ratios) >= WORTH_MORE;
     }
     let others = &ratios[1..];
+    if others.iter().any(|&ratio| ratio <= 1.0) {
+        return false;
+    }
     let mean = others.iter().sum::<f64>() / others.len() as f64;
-    others.iter().all(|&ratio| ratio > 1.0) && mean > APART
+    // Of normal noise.
+    let log_odds: Vec<f64> = ratios
+        .iter()
+        .zip(independent)
+        .map(|(ratio, independent)| 0.5 * independent * ratio.ln())
+        .collect();
+    let is_no_chance = ratios[0] > 1.0
+        && mean > LEAST_APART
+        && log_odds[1..].iter().sum::<f64>() > ODDS.ln()
+        && log_odds.iter().sum::<f64>() > ODDS_OF_ALL.ln();
+    mean > APART || is_no_chance
 }
 
 /// The same whichever of the two was named.
@@ -98,19 +141,78 @@ fn geometric_mean(of: &[f64]) -> f64 {
     (of.iter().map(|ratio| ratio.ln()).sum::<f64>() / of.len() as f64).exp()
 }
 
-/// Errors of a model of the first recording: there, on held-out strokes, and on the others.
+/// Of a model of the first recording: there, and on each of the others.
+struct Errors {
+    /// There on held-out strokes.
+    rms: Vec<f64>,
+    /// Samples that the residual is worth; on the others as many of theirs as there.
+    independent: Vec<f64>,
+}
+
 fn errors<'a>(
     diagnosis: &Diagnosis,
     found: &[Found],
     grounds: impl Iterator<Item = &'a Ground>,
-) -> Result<Vec<f64>, DynamicsError> {
+) -> Result<Errors, DynamicsError> {
     let model = fit_found(&diagnosis.motion, found)?;
     let theta = model.theta.as_slice();
-    let mut out = vec![model.held_out_rms];
+    let mut out = Errors {
+        rms: vec![model.held_out_rms],
+        independent: vec![model.effective_samples],
+    };
+    let share = model.effective_samples / model.residual.len() as f64;
     for ground in grounds {
         let datum = datum(diagnosis, found, theta, ground)?;
         let there = regripped(found, theta, ground, datum)?;
-        out.push(error_on(&there, theta, ground, datum)?.0);
+        out.rms.push(error_on(&there, theta, ground, datum)?.0);
+        out.independent.push(share * ground.y.len() as f64);
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{is_apart, is_worth_no_more};
+
+    fn is_apart_by(alike: &str, name: &str, ratios: &[f64]) -> bool {
+        is_apart(alike, name, ratios, &vec![500.0; ratios.len()])
+    }
+
+    #[test]
+    fn a_gap_must_be_worth_its_number_whichever_of_the_two_was_named() {
+        let play = |ratios: &[f64]| is_apart_by("backlash", "grasp_compliance", ratios);
+        let inverse = |ratios: &[f64]| ratios.iter().map(|ratio| 1.0 / ratio).collect::<Vec<_>>();
+        for (ratios, worth) in [
+            ([0.99, 0.97], false),
+            ([1.02, 0.93], false),
+            ([0.94, 0.93], true),
+        ] {
+            assert_eq!(play(&ratios), !worth);
+            assert_eq!(is_worth_no_more(&inverse(&ratios)), !worth);
+        }
+    }
+
+    #[test]
+    fn the_other_recordings_tell_apart_and_what_no_motion_does_stays() {
+        let notch = |ratios: &[f64]| is_apart_by("detent", "catch", ratios);
+        assert!(notch(&[1.0, 1.05]) && notch(&[0.99, 1.02, 1.06]));
+        // The first one chose.
+        assert!(!notch(&[1.5, 1.009]) && !notch(&[0.99, 1.02]));
+        assert!(!notch(&[1.0, 0.99, 1.5]));
+        assert!(!is_apart_by(
+            "constant_load",
+            "asymmetric_coulomb",
+            &[1.5, 1.5]
+        ));
+    }
+
+    #[test]
+    fn little_tells_apart_where_it_is_no_chance() {
+        let notch =
+            |ratios: &[f64], independent: &[f64]| is_apart("detent", "catch", ratios, independent);
+        assert!(notch(&[1.01, 1.015], &[500.0, 500.0]));
+        assert!(!notch(&[1.005, 1.011], &[500.0, 500.0]));
+        // A short recording hardly says anything.
+        assert!(!notch(&[1.01, 1.015], &[1000.0, 130.0]));
+    }
 }

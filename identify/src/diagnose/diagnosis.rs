@@ -32,7 +32,7 @@ pub struct NamedEffect {
     pub found: Found,
     /// Error on held-out strokes before and after it was added, in the order of the effects.
     pub held_out_rms: [f64; 2],
-    /// Share of simulated recordings without any effect in which the search found as much.
+    /// Share of simulated recordings without any effect in which the search found as much; 0 of what no search found: free air, the pose or rests show it.
     pub p_value: f64,
     /// What fits nearly as well.
     pub ambiguous_with: Vec<Ambiguity>,

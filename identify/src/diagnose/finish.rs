@@ -64,6 +64,18 @@ pub(super) fn is_play_for_grasp(alike: &str, name: &str) -> bool {
     CRUDE == (name, alike)
 }
 
+/// Whether `found` holds `alike` as a special case that the search may have taken it for: play without a gap is a grasp that gives, a damper over the whole
+/// range one way a damping by direction. A spring that is a constant load is rare, and its rate is looked for on purpose.
+pub(super) fn is_more_than(found: &Found, alike: &Found) -> bool {
+    let (name, other) = (found.kind.name, alike.kind.name);
+    let same_way = || match (found.shape.as_slice(), alike.shape.as_slice()) {
+        ([_, _, way, ..], [other, ..]) => way * other > 0.0,
+        _ => false,
+    };
+    let damps_one_way = (name, other) == (ZONE, "asymmetric_viscous");
+    is_play_for_grasp(name, other) || damps_one_way && same_way()
+}
+
 /// Whether no motion tells them apart, or one of them holds the other as a special case and is no cruder for it.
 pub(super) fn are_of_one_class(a: &str, b: &str) -> bool {
     let contains = CONTAIN.iter().any(|pair| are(*pair, a, b));

@@ -63,6 +63,11 @@ impl State {
     /// The first that passes every gate, or a simpler one that is as good. A damper's edges and valve may show later only: whether
     /// it needs them is asked at the end.
     pub(super) fn choose(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
+        // Why something was given up says more than that it was.
+        let is_told = |name: &str| {
+            let told = self.refused.iter().any(|old| old.name == name);
+            told && self.given_up.iter().any(|old| *old == name)
+        };
         let mut turned_down = Vec::new();
         let mut choice: Option<Ranked> = None;
         for entry in &seen.ranked {
@@ -76,7 +81,7 @@ impl State {
             }
             match self.why_not(entry, seen) {
                 None => choice = Some(entry.clone()),
-                Some(reason) if entry.mse < 0.98 * seen.mse => {
+                Some(reason) if entry.mse < 0.98 * seen.mse && !is_told(entry.kind.name) => {
                     turned_down.push(refusal(entry, seen, reason));
                 }
                 Some(_) => {}

@@ -100,6 +100,17 @@ impl Held {
     }
 }
 
+/// What was said of stiction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stiction {
+    /// It, or a Stribeck friction read off the same rests.
+    Named,
+    /// It would be, were there not more that is missing.
+    BesideMore,
+    /// There is none that is sure.
+    NotNamed,
+}
+
 /// Another recording, and how its joint leaves rest.
 struct Other<'a> {
     file: &'a str,
@@ -127,21 +138,21 @@ pub(crate) fn add_stiction(
     others: &[(String, JointSamples)],
     settings: &MotionSettings,
     unconfirmed: &[&'static str],
-) -> Result<(), DynamicsError> {
+) -> Result<Stiction, DynamicsError> {
     let found = diagnosis.found();
     let slow_speed = diagnosis.motion.slow_speed;
     let of = |motion: &Motion, model: &EffortModel| {
         Breakaway::of(motion, &found, model.theta.as_slice(), slow_speed)
     };
     let Some(here) = of(&diagnosis.motion, &diagnosis.model) else {
-        return Ok(());
+        return Ok(Stiction::NotNamed);
     };
     let held = |excess, of: &Breakaway| Held {
         excess,
         sliding: of.sliding,
     };
     if !held(here.at_once, &here).is_unusual() {
-        return Ok(());
+        return Ok(Stiction::NotNamed);
     }
     let mut elsewhere = Vec::new();
     for ((file, samples), confirmed) in others.iter().zip(&*confirmed) {
@@ -167,29 +178,29 @@ pub(crate) fn add_stiction(
     let excess = held(&here).excess.value;
     // Beside a friction of next to nothing half of it is nothing.
     if !held(&here).is_unusual() || excess < floor_of_all(diagnosis) {
-        return Ok(());
+        return Ok(Stiction::NotNamed);
     }
     if let Some(reason) = why_not(&found, &held(&here), &held(&all)) {
-        return refuse(diagnosis, reason);
+        return refuse(diagnosis, reason, Stiction::NotNamed);
     }
     for other in &elsewhere {
         let Some(there) = &other.there else {
             let file = other.file;
             let reason = format!("not confirmed on {file}: it does not show the effects apart");
-            return refuse(diagnosis, reason);
+            return refuse(diagnosis, reason, Stiction::NotNamed);
         };
         let Some(there) = there.breakaway.as_ref().map(held) else {
             let file = other.file;
             let reason =
                 format!("not confirmed on {file}: there it leaves no rest away from the ends");
-            return refuse(diagnosis, reason);
+            return refuse(diagnosis, reason, Stiction::NotNamed);
         };
         if !there.confirms() {
             let reason = format!(
                 "not confirmed on {}: there it takes {:.3} more to leave rest than to slide, here {excess:.3}",
                 other.file, there.excess.value
             );
-            return refuse(diagnosis, reason);
+            return refuse(diagnosis, reason, Stiction::NotNamed);
         }
     }
     let is_there = found.iter().any(|found| found.kind.name == STRIBECK.name);
@@ -198,7 +209,7 @@ pub(crate) fn add_stiction(
         && let Some(fall) = all.surely_falls()
         && add_stribeck(diagnosis, confirmed, &elsewhere, fall)?
     {
-        return Ok(());
+        return Ok(Stiction::Named);
     }
     let left = left_between_turns(&diagnosis.motion, &found)?;
     let floors = left.min(diagnosis.model.held_out_rms) / floor_of_all(diagnosis);
@@ -206,7 +217,7 @@ pub(crate) fn add_stiction(
         let reason = format!(
             "it takes {excess:.3} more to leave rest than to slide, but {floors:.1} noise floors are left while it slides: something else is missing"
         );
-        return refuse(diagnosis, reason);
+        return refuse(diagnosis, reason, Stiction::BesideMore);
     }
     let pairs = elsewhere.iter().filter_map(|other| other.there.as_ref());
     for (confirmed, there) in confirmed.iter_mut().zip(pairs) {
@@ -236,7 +247,7 @@ pub(crate) fn add_stiction(
             .collect(),
         spread: DMatrix::zeros(0, 0),
     });
-    Ok(())
+    Ok(Stiction::Named)
 }
 
 fn floor_of_all(diagnosis: &Diagnosis) -> f64 {
@@ -255,14 +266,18 @@ fn why_not(found: &[Found], here: &Held, all: &Held) -> Option<String> {
     ))
 }
 
-fn refuse(diagnosis: &mut Diagnosis, reason: String) -> Result<(), DynamicsError> {
+fn refuse(
+    diagnosis: &mut Diagnosis,
+    reason: String,
+    so: Stiction,
+) -> Result<Stiction, DynamicsError> {
     let held_out_rms = errors(&diagnosis.motion, &diagnosis.found())?;
     diagnosis.refused.push(Refused {
         name: STICTION.name,
         reason,
         held_out_rms,
     });
-    Ok(())
+    Ok(so)
 }
 
 /// Adds a Stribeck friction of that speed where it lowers the error on held-out strokes here and on all others; whether it does.

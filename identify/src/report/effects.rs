@@ -30,7 +30,8 @@ pub struct EffectEntry {
     pub relative: [f64; 2],
     /// Error on each confirming recording before and after.
     pub confirm_rms: Vec<[f64; 2]>,
-    /// Share of simulated recordings of the model without it in which the search found as much.
+    /// Share of simulated recordings of the model without it in which the search found as much; 0 of what no search found: what free air, the pose or rests
+    /// show.
     pub p_value: f64,
     /// Effects that fit nearly as well.
     pub ambiguous_with: Vec<&'static str>,

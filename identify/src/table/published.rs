@@ -153,6 +153,7 @@ pub fn identify_published(
             order: recipe.lowpass_order,
             work_rate_hz: samples.rate_hz(),
             gives_way: false,
+            turns_left_out: false,
         },
         cutoff_lowered: false,
         used: kept.tau.len(),
