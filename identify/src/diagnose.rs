@@ -6,6 +6,7 @@
 //! noise floor allows to doubt, helps in most blocks and has a physical sign. Later effects may replace or remove earlier
 //! ones. What fits nearly as well is named beside it, and what helped but was turned down is listed with the reason.
 
+mod alike;
 mod apart;
 mod breakaway;
 mod confirm;

@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
+use super::alike::{are_of_one_class, is_more_than, is_play_for_grasp};
 use super::confirm::{objects, with_columns};
 use super::diagnosis::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::elsewhere::{datum, error_on, regripped};
-use super::finish::{are_of_one_class, is_more_than, is_play_for_grasp};
 use super::gates::{gives, most_of};
 use super::model::{Found, Ground};
 use crate::analysis::EXPLAINED_BELOW;
