@@ -7,6 +7,7 @@ use super::alike::{are_of_one_class, is_more_than, is_play_for_grasp};
 use super::confirm::{objects, with_columns};
 use super::diagnosis::{Diagnosis, NamedEffect, Refused, fit_found};
 use super::elsewhere::{datum, error_on, regripped};
+use super::finish::make_anew;
 use super::gates::{gives, most_of};
 use super::model::{Found, Ground};
 use crate::analysis::EXPLAINED_BELOW;
@@ -82,9 +83,13 @@ pub(super) fn tell_apart<'a>(
                     held_out_rms: [its.rms[0], own.rms[0]],
                 });
                 diagnosis.effects[i].found = with[place].clone();
-                made_anew(diagnosis)?;
-                found = objects(diagnosis);
-                own = errors(diagnosis, &found, grounds.clone())?;
+                (found, own) = (with, its);
+                if rival.kind.at.is_some() {
+                    let model = fit_found(&diagnosis.motion, &found)?;
+                    make_anew(&mut diagnosis.effects, &found, &model);
+                    found = objects(diagnosis);
+                    own = errors(diagnosis, &found, grounds.clone())?;
+                }
             } else if !is_apart(one.name, kind.name, &ratios, &own.independent) {
                 alike.push(one);
             }
@@ -92,16 +97,6 @@ pub(super) fn tell_apart<'a>(
         diagnosis.effects[i].ambiguous_with = alike;
     }
     Ok(())
-}
-
-/// Makes what acts through the object with the object as it now is.
-fn made_anew(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
-    for effect in &mut diagnosis.effects {
-        if gives(effect.found.kind) {
-            effect.found.object = Arc::default();
-        }
-    }
-    diagnosis.refit()
 }
 
 /// Whether the squared errors of the model with a special case over those with what holds it, of all recordings, leave that nothing.

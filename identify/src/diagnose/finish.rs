@@ -320,11 +320,16 @@ pub(super) fn fit_named(
     if !all.iter().any(is_stale) {
         return Ok(model);
     }
-    let object = Arc::new(object_of(&all, model.theta.as_slice()));
+    make_anew(effects, &all, &model);
+    fit_found(motion, &found(effects))
+}
+
+/// Makes what acts through the object anew, with the object as `all` of the effects have it in `model`.
+pub(super) fn make_anew(effects: &mut [NamedEffect], all: &[Found], model: &EffortModel) {
+    let object = Arc::new(object_of(all, model.theta.as_slice()));
     for effect in effects.iter_mut().filter(|effect| gives(effect.found.kind)) {
         effect.found.object = Arc::clone(&object);
     }
-    fit_found(motion, &found(effects))
 }
 
 /// Lag that is named beside a grasp that gives, s; a smaller one is taken out without a name.
