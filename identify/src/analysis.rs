@@ -209,8 +209,8 @@ pub fn analyse_confirmed(
     })
 }
 
-/// As [`asked_of_others`], and gives how the motion was prepared: where the joint leaves rest with a jerk and what is left while it slides has no name,
-/// the search is made anew without turns, about which friction is not what any effect says. That stays where it then names what holds the joint.
+/// As [`asked_of_others`], and gives how the motion was prepared: where the joint leaves rest with a jerk and too much is left while it slides to name
+/// stiction, the search is made anew without turns, where no effect has the friction right. What it finds is taken where stiction is then named.
 fn confirmed_diagnosis(
     samples: &JointSamples,
     settings: MotionSettings,

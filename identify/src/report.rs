@@ -465,7 +465,7 @@ impl Report {
         }
         if analysis.settings.turns_left_out {
             self.notes.push(
-                "the joint leaves rest with a jerk: effects were looked for without its turns"
+                "effects were looked for without the instants at which the joint turns: where it leaves rest with a jerk no friction that slides says what happens there"
                     .to_owned(),
             );
         }

@@ -38,7 +38,7 @@ pub(super) fn with_mechanism(
     let by_state = |found: &Found| found.kind.at.is_some();
     // Beside a load that may be any constant a friction of one way is one of both.
     let tells = |found: &Found| !found.kind.is(&ASYMMETRIC);
-    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let floor = diagnosis.floor_of_all();
     let mut used = vec![found.iter().map(tells).collect::<Vec<_>>()];
     let may_leave = found.iter().any(|found| by_state(found) && tells(found));
     if diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor && may_leave {

@@ -135,9 +135,7 @@ impl State {
         }
         Ok(alike)
     }
-}
 
-impl State {
     /// Effects of the state that are not in the model, but of which a part of effect `i` may be: what its columns leave of theirs is too little to be
     /// seen, in half of their shapes or more. A very wide magnet in a door's weight is no reason to look for a magnet.
     fn hidden_in(&self, i: usize) -> Result<Vec<&'static Kind>, DynamicsError> {

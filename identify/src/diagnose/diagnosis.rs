@@ -91,6 +91,11 @@ impl Diagnosis {
         self.model.held_out_rms > MUCH * self.floor.rms
     }
 
+    /// What noise and processing leave of a complete model, rms.
+    pub(crate) fn floor_of_all(&self) -> f64 {
+        self.floor.rms.max(self.simulated_rms)
+    }
+
     /// The effects that have regressors: all but those that were taken out of the samples.
     #[must_use]
     pub fn found(&self) -> Vec<Found> {

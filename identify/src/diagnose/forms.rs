@@ -17,7 +17,7 @@ use crate::effect::library::Search;
 /// When the model cannot be fitted as it is.
 pub(crate) fn state_forms(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let found = diagnosis.found();
-    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let floor = diagnosis.floor_of_all();
     let is_lacking = diagnosis.model.held_out_rms > EXPLAINED_BELOW * floor;
     if is_lacking || found.iter().all(|found| form_of(found).is_none()) {
         return Ok(());

@@ -282,6 +282,8 @@ impl State {
             let left = self.error()?;
             if left > error {
                 self.put_back(as_was);
+                // Why it was turned down before holds no longer.
+                self.refused.retain(|old| old.name != name);
                 self.given_up.push(name);
                 return Ok(false);
             }

@@ -159,7 +159,7 @@ pub(crate) fn add_stiction(
         let samples = samples.with_effort_earlier(confirmed.lag_s);
         let motion = Motion::prepare(&samples, settings)?;
         let model = shown(fit_found(&motion, &found))?;
-        let there = match (model, shown(errors(&motion, &found))?) {
+        let there = match (model, shown(errors(&motion, &found, settings))?) {
             (Some(model), Some(rms)) => Some(Seen {
                 breakaway: of(&motion, &model),
                 rms,
@@ -177,30 +177,30 @@ pub(crate) fn add_stiction(
     let held = |of: &Breakaway| held(of.excess(&all), of);
     let excess = held(&here).excess.value;
     // Beside a friction of next to nothing half of it is nothing.
-    if !held(&here).is_unusual() || excess < floor_of_all(diagnosis) {
+    if !held(&here).is_unusual() || excess < diagnosis.floor_of_all() {
         return Ok(Stiction::NotNamed);
     }
     if let Some(reason) = why_not(&found, &held(&here), &held(&all)) {
-        return refuse(diagnosis, reason, Stiction::NotNamed);
+        return refuse(diagnosis, settings, reason, Stiction::NotNamed);
     }
     for other in &elsewhere {
         let Some(there) = &other.there else {
             let file = other.file;
             let reason = format!("not confirmed on {file}: it does not show the effects apart");
-            return refuse(diagnosis, reason, Stiction::NotNamed);
+            return refuse(diagnosis, settings, reason, Stiction::NotNamed);
         };
         let Some(there) = there.breakaway.as_ref().map(held) else {
             let file = other.file;
             let reason =
                 format!("not confirmed on {file}: there it leaves no rest away from the ends");
-            return refuse(diagnosis, reason, Stiction::NotNamed);
+            return refuse(diagnosis, settings, reason, Stiction::NotNamed);
         };
         if !there.confirms() {
             let reason = format!(
                 "not confirmed on {}: there it takes {:.3} more to leave rest than to slide, here {excess:.3}",
                 other.file, there.excess.value
             );
-            return refuse(diagnosis, reason, Stiction::NotNamed);
+            return refuse(diagnosis, settings, reason, Stiction::NotNamed);
         }
     }
     let is_there = found.iter().any(|found| found.kind.name == STRIBECK.name);
@@ -212,12 +212,12 @@ pub(crate) fn add_stiction(
         return Ok(Stiction::Named);
     }
     let left = left_between_turns(&diagnosis.motion, &found)?;
-    let floors = left.min(diagnosis.model.held_out_rms) / floor_of_all(diagnosis);
+    let floors = left.min(diagnosis.model.held_out_rms) / diagnosis.floor_of_all();
     if floors > MOST_LEFT {
         let reason = format!(
             "it takes {excess:.3} more to leave rest than to slide, but {floors:.1} noise floors are left while it slides: something else is missing"
         );
-        return refuse(diagnosis, reason, Stiction::BesideMore);
+        return refuse(diagnosis, settings, reason, Stiction::BesideMore);
     }
     let pairs = elsewhere.iter().filter_map(|other| other.there.as_ref());
     for (confirmed, there) in confirmed.iter_mut().zip(pairs) {
@@ -229,7 +229,7 @@ pub(crate) fn add_stiction(
         rival: None,
     };
     let falls = all.may_fall() || all.surely_falls().is_some();
-    let held_out_rms = errors(&diagnosis.motion, &found)?;
+    let held_out_rms = errors(&diagnosis.motion, &found, settings)?;
     diagnosis.effects.push(NamedEffect {
         found: Found {
             kind: &STICTION,
@@ -250,10 +250,6 @@ pub(crate) fn add_stiction(
     Ok(Stiction::Named)
 }
 
-fn floor_of_all(diagnosis: &Diagnosis) -> f64 {
-    diagnosis.floor.rms.max(diagnosis.simulated_rms)
-}
-
 /// Why what is held `here`, and on `all` recordings together, is no stiction.
 fn why_not(found: &[Found], here: &Held, all: &Held) -> Option<String> {
     if !here.confirms() || !here.is_stiction() && !all.is_stiction() {
@@ -268,10 +264,11 @@ fn why_not(found: &[Found], here: &Held, all: &Held) -> Option<String> {
 
 fn refuse(
     diagnosis: &mut Diagnosis,
+    settings: &MotionSettings,
     reason: String,
     so: Stiction,
 ) -> Result<Stiction, DynamicsError> {
-    let held_out_rms = errors(&diagnosis.motion, &diagnosis.found())?;
+    let held_out_rms = errors(&diagnosis.motion, &diagnosis.found(), settings)?;
     diagnosis.refused.push(Refused {
         name: STICTION.name,
         reason,
@@ -307,7 +304,7 @@ fn add_stribeck(
     let Some(held_out_rms) = helps(&diagnosis.motion)? else {
         return Ok(false);
     };
-    if held_out_rms[1] > MOST_LEFT * floor_of_all(diagnosis) {
+    if held_out_rms[1] > MOST_LEFT * diagnosis.floor_of_all() {
         return Ok(false);
     }
     let mut pairs = Vec::new();
@@ -350,10 +347,17 @@ fn left_between_turns(motion: &Motion, found: &[Found]) -> Result<f64, DynamicsE
 }
 
 /// Errors on held-out strokes of a model that takes rest for sliding, and of one that lets friction take up what the hand gives.
-fn errors(motion: &Motion, found: &[Found]) -> Result<[f64; 2], DynamicsError> {
+fn errors(
+    motion: &Motion,
+    found: &[Found],
+    settings: &MotionSettings,
+) -> Result<[f64; 2], DynamicsError> {
     let mut sliding = motion.clone();
     for (slides, t) in sliding.slides.iter_mut().zip(&motion.time) {
         *slides = !slip::slides(&motion.slips, *t);
+    }
+    if settings.turns_left_out {
+        sliding.leave_out_turns();
     }
     Ok([
         fit_found(&sliding, found)?.held_out_rms,

@@ -25,7 +25,7 @@ const LEAVES_BELOW: f64 = 1.05;
 pub(crate) fn take_from_both(diagnosis: &mut Diagnosis) -> Result<(), DynamicsError> {
     let mut found = diagnosis.found();
     let (motion, plain) = (&diagnosis.motion, &diagnosis.model);
-    let floor = diagnosis.floor.rms.max(diagnosis.simulated_rms);
+    let floor = diagnosis.floor_of_all();
     let is_lacking = plain.held_out_rms > EXPLAINED_BELOW * floor;
     if is_lacking || found.iter().all(|one| one.shape_limits(motion).is_empty()) {
         return Ok(());
