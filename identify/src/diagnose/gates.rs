@@ -64,9 +64,9 @@ impl State {
     /// it needs them is asked at the end.
     pub(super) fn choose(&mut self, seen: &Look) -> Option<(Ranked, f64)> {
         // Why something was given up says more than that it was.
-        let is_told = |name: &str| {
+        let is_told = |name: &'static str| {
             let told = self.refused.iter().any(|old| old.name == name);
-            told && self.given_up.iter().any(|old| *old == name)
+            told && self.given_up.contains(&name)
         };
         let mut turned_down = Vec::new();
         let mut choice: Option<Ranked> = None;

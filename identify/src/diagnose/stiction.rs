@@ -87,8 +87,13 @@ impl Held {
     fn doubt(&self) -> String {
         let Median { value, std, count } = self.excess;
         let sliding = self.sliding;
+        if count < LEAST_COUNT {
+            return format!(
+                "it left rest {count} times away from the ends, and {LEAST_COUNT} are needed; start from rest more often, and slowly"
+            );
+        }
         format!(
-            "it takes {value:.3} ± {std:.3} more to leave rest than to slide ({count} times away from the ends, {LEAST_COUNT} are needed): not surely more than \
+            "it takes {value:.3} ± {std:.3} more to leave rest than to slide ({count} times away from the ends): not surely more than \
              half of the {sliding:.3} that sliding takes, which dry contacts have; start from rest more often, and slowly"
         )
     }

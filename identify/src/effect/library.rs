@@ -387,3 +387,18 @@ pub(super) fn geometric(low: f64, high: f64, count: usize) -> Vec<f64> {
         .map(f64::exp)
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::LIBRARY;
+
+    #[test]
+    fn every_effect_is_described_for_those_who_read_its_name() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/diagnosis.md");
+        let text = std::fs::read_to_string(path).unwrap();
+        for kind in LIBRARY {
+            let row = format!("\n| `{}` | ", kind.name);
+            assert_eq!(text.matches(&row).count(), 1, "{}", kind.name);
+        }
+    }
+}
